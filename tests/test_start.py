@@ -18,6 +18,7 @@ BAGS = {
     *('kitti_ros2.importer', 'kitti_ros2.own_bags', 'kitti_ros2.bags.reader'),
 }
 OTHERS_BAGS = {'kitti_ros2.importer.guess', 'kitti_ros2.importer.planned_recording'}
+RARE = {*OTHERS_BAGS, 'yaml', 'sqlite3', 'kitti_ros2.messages.foxglove'}
 STORES = {'fsspec', 'kitti_ros2.files.remote_reads', 'kitti_ros2.files.remote_requests'}
 SHELL = {'typer', 'rich', 'kitti_ros2.cli'}
 OPEN = 'import kitti_ros2; kitti_ros2.open'
@@ -30,8 +31,8 @@ LIBRARY = {
     f'{OPEN}(FOLDER)[0].points': DRAWN | BAGS | STORES | SHELL,
     f'{OPEN}(FOLDER)[0].pose': DRAWN | BAGS | STORES | SHELL,
     f'{OPEN}(FOLDER)[0].calibration.transform(2, "velo_link")': DRAWN | STORES | SHELL,
-    f'{OPEN}(BAG)[0].points': DRAWN | OTHERS_BAGS | STORES | SHELL,
-    f'{OPEN}(BAG)[0].pose': DRAWN | OTHERS_BAGS | STORES | SHELL,
+    f'{OPEN}(BAG)[0].points': DRAWN | RARE | STORES | SHELL,
+    f'{OPEN}(BAG)[0].pose': DRAWN | RARE | STORES | SHELL,
 }
 """By code: the modules that it does without."""
 
@@ -39,10 +40,10 @@ COMMANDS = {
     '--help': {'numpy', 'rich', 'yaml', 'kitti_ros2.options.table'},
     'to-bag --help': {'numpy', 'rich', 'yaml'},
     'play --help': {'numpy', 'rich', 'yaml', 'rclpy'},
-    'info FOLDER': DRAWN | STORES | {'yaml', 'sqlite3', 'kitti_ros2.importer'},
-    'info BAG': DRAWN | STORES | {'sqlite3', 'kitti_ros2.importer'},
-    'stats FOLDER': DRAWN | STORES | {'yaml', 'sqlite3', 'kitti_ros2.importer.survey'},
-    'validate FOLDER': DRAWN | STORES | OTHERS_BAGS | {'yaml', 'rosbags'},
+    'info FOLDER': DRAWN | STORES | RARE | {'kitti_ros2.importer', 'kitti_ros2.options.table'},
+    'info BAG': DRAWN | STORES | RARE | {'kitti_ros2.importer', 'kitti_ros2.options.table'},
+    'stats FOLDER': DRAWN | STORES | RARE | {'kitti_ros2.importer.survey'},
+    'validate FOLDER': DRAWN | STORES | RARE | {'rosbags'},
     'report FOLDER -o OUT.html -q': STORES | {'yaml', 'kitti_ros2.importer.survey'},
     'view FOLDER --mode boxes -o OUT.png -q': STORES | {'yaml', 'rich'} | OTHERS_BAGS,
     'to-bag FOLDER OUT.mcap -q': DRAWN | STORES | OTHERS_BAGS | {'sqlite3', 'rich'},

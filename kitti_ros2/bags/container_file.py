@@ -94,7 +94,7 @@ UNKNOWN_DEPTH = 100  # if a bag contains no depth: enough for every text file of
 _MOST = 2**31 - 1
 
 # Metadata versions before 9 contain the number of rmw.
-_TRANSIENT_LOCAL = (1, 'transient_local')
+_TRANSIENT_LOCAL = ('1', 'transient_local')
 _POLICIES = {
     'history': ('system_default', 'keep_last', 'keep_all', 'unknown'),
     'reliability': ('system_default', 'reliable', 'best_effort', 'unknown', 'best_available'),
@@ -112,6 +112,15 @@ _POLICIES = {
 _LONGEST_KEPT = 10_000
 _MATCHED = ('reliability', 'durability')
 """Policies by which subscribers are matched with publishers."""
+_TIME = r':\n    sec: \d+\n    nsec: \d+\n'
+_PROFILE = re.compile(
+    r'- history: \w+\n  depth: (?P<depth>0|[1-9]\d{0,8})\n  reliability: \w+\n'
+    r'  durability: (?P<durability>\w+)\n'
+    rf'  deadline{_TIME}  lifespan{_TIME}  liveliness: \w+\n  liveliness_lease_duration{_TIME}'
+    r'  avoid_ros_namespace_conventions: \w+(?:\n|$)',
+    re.ASCII,
+)
+"""A profile as rosbag2 and to-bag write it."""
 _HINT = re.compile(r'durability\W+(1\b|transient_local)', re.IGNORECASE)
 
 
@@ -137,10 +146,8 @@ def _kept_depth(profiles: str) -> int:
 def _find_kept_depth(profiles: str) -> int:
     if not _HINT.search(profiles):
         return 0  # parsing YAML is slow
-    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - 13 ms for bags that latch a topic
-
     try:
-        for profile in load_yaml(profiles):
+        for profile in _parse_profiles(profiles):
             durability = profile.get('durability')
             if durability == 1 or str(durability).lower() in _TRANSIENT_LOCAL:
                 depth = int(profile.get('depth') or UNKNOWN_DEPTH)
@@ -148,6 +155,14 @@ def _find_kept_depth(profiles: str) -> int:
     except (TypeError, AttributeError, ValueError, OverflowError):
         return UNKNOWN_DEPTH
     return 0
+
+
+def _parse_profiles(profiles: str) -> Any:  # noqa: ANN401 - a list of mappings, or any YAML
+    if not _PROFILE.sub('', profiles):
+        return [match.groupdict() for match in _PROFILE.finditer(profiles)]
+    from ..model.yaml_text import load_yaml  # noqa: PLC0415 - 13 ms that most bags do without
+
+    return load_yaml(profiles)
 
 
 def qos_faults(profiles: str) -> list[str]:

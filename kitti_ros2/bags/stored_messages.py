@@ -14,12 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from ..messages.compressed_clouds import COMPRESSED_CLOUD, COMPRESSED_DRACO_CLOUD
-from ..messages.foxglove import (
-    OF_COPIES,
-    TRANSLATIONS,
-    translate,
-)
 from ..messages.foxglove_fields import Fields, JsonFields
 from ..messages.ros_types import TYPESTORE
 from ..messages.ros_versions import jazzy_types
@@ -48,6 +42,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Constdefs, Fielddefs, Typesdict
     from rosbags.typesys.store import Typestore
 
+    from ..messages.foxglove import Translation
     from .container_file import Problems
     from .decompression import Buffer
 
@@ -466,14 +461,17 @@ _PACKAGES = (
     'point_cloud_interfaces/msg/',
     'point_cloud_interfaces/',
 )
-_COMPRESSED_CLOUDS = {
-    'CompressedPointCloud': COMPRESSED_DRACO_CLOUD,
-    'CompressedPointCloud2': COMPRESSED_CLOUD,
-}
-_TRANSLATIONS = {**TRANSLATIONS, **_COMPRESSED_CLOUDS}
-_TRANSLATIONS_OF_COPIES = {**_TRANSLATIONS, **OF_COPIES}
 _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
+
+
+@lru_cache
+def _translations(*, for_copy: bool = False) -> Mapping[str, Translation]:
+    """Return the translations to ROS messages by schema, for readers or for another bag."""
+    from ..messages.compressed_clouds import OF_CLOUDS  # noqa: PLC0415 - as below
+    from ..messages.foxglove import OF_COPIES, TRANSLATIONS  # noqa: PLC0415 - few bags have them
+
+    return {**TRANSLATIONS, **OF_CLOUDS, **(OF_COPIES if for_copy else {})}
 
 
 class MissingLibraryError(KittiRos2Error):
@@ -482,7 +480,7 @@ class MissingLibraryError(KittiRos2Error):
 
 @dataclass(frozen=True)
 class TranslatedChannel(StoredChannel):
-    """A channel with a schema of one of _TRANSLATIONS, as it appears: as ROS messages in CDR.
+    """A channel that has a translation, as it appears: as ROS messages in CDR.
 
     Attributes:
         original: As stored in the file.
@@ -500,8 +498,8 @@ class TranslatedChannel(StoredChannel):
 
 def ros_channel(channel: StoredChannel, *, for_copy: bool = False) -> StoredChannel:
     """Return a channel as it appears to readers, or as it is written to another bag."""
-    translations = _TRANSLATIONS_OF_COPIES if for_copy else _TRANSLATIONS
-    translation = translations.get(_schema_of(channel))
+    schema = _schema_of(channel)
+    translation = _translations(for_copy=for_copy).get(schema) if schema else None
     if translation is None or channel.encoding not in _ENCODINGS:
         return channel
     if channel.encoding in _ROS and channel.msgtype == translation.msgtype:
@@ -537,9 +535,8 @@ def types_of(channel: StoredChannel) -> tuple[str, ...]:
 
 def may_be_lossy(channel: StoredChannel) -> bool:
     """Return whether messages of a channel may have lost something before they were stored."""
-    return (
-        isinstance(channel, TranslatedChannel)
-        and _schema_of(channel.original) in _COMPRESSED_CLOUDS
+    return isinstance(channel, TranslatedChannel) and _schema_of(channel.original).startswith(
+        'CompressedPointCloud'
     )
 
 
@@ -553,7 +550,7 @@ def why_unread(channel: StoredChannel) -> str:
     hint = ''
     if channel.encoding in _ENCODINGS:
         text = f'{channel.topic} is {channel.msgtype} in {channel.encoding}, which is not read'
-    elif schema in _TRANSLATIONS:
+    elif schema in _translations():
         hint = 'write it in protobuf or JSON'
     return f'{text}: {hint}' if hint else text
 
@@ -572,8 +569,9 @@ def translator(
         MissingLibraryError: The library that reads protobuf is not installed.
         ValueError: The channel's schema is damaged.
     """
-    translations = _TRANSLATIONS_OF_COPIES if channel.for_copy else _TRANSLATIONS
-    translation = translations[_schema_of(channel.original)]
+    from ..messages.foxglove import translate  # noqa: PLC0415 - as above
+
+    translation = _translations(for_copy=channel.for_copy)[_schema_of(channel.original)]
 
     def encode(fields: Fields, log_ns: int) -> bytes:
         cdr = translate(translation, fields, log_ns)

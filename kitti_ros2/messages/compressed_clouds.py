@@ -294,5 +294,7 @@ def _losses_of_draco_cloud(compressed: Fields) -> list[str]:
 
 _LOSSES = {'cloudini': _cloudini_losses, 'draco': _losses_of_fields}
 
-COMPRESSED_CLOUD = Translation(CLOUD, decompress_cloud, losses_of_cloud)
-COMPRESSED_DRACO_CLOUD = Translation(CLOUD, decompress_draco_cloud, _losses_of_draco_cloud)
+OF_CLOUDS = {
+    'CompressedPointCloud': Translation(CLOUD, decompress_draco_cloud, _losses_of_draco_cloud),
+    'CompressedPointCloud2': Translation(CLOUD, decompress_cloud, losses_of_cloud),
+}

@@ -72,7 +72,6 @@ from .camera_info import (
     with_nominal_mounts,
 )
 from .cdr import Parts, restamp, serialize
-from .compact_clouds import OFF_GRID, encode_compact, encode_rest
 from .detections import (
     ObjectFrame,
     encode_boxes_2d,
@@ -259,6 +258,8 @@ def make_source_scan(scan: Scan, context: EncodeContext) -> object:
 
 def make_compact(scan: Scan, context: EncodeContext) -> object:
     """Make the CompressedPointCloud2 of a scan."""
+    from .compact_clouds import OFF_GRID, encode_compact  # noqa: PLC0415 - for compact clouds only
+
     multiples = _compact(scan, context).multiples
     if multiples is None:
         context.note(OFF_GRID)
@@ -267,6 +268,8 @@ def make_compact(scan: Scan, context: EncodeContext) -> object:
 
 def make_rest(scan: Scan, context: EncodeContext) -> object:
     """Make a String of the rest of a scan's file."""
+    from .compact_clouds import encode_rest  # noqa: PLC0415 - as above
+
     return encode_rest(_compact(scan, context).rest, context.path)
 
 

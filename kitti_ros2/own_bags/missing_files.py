@@ -22,7 +22,6 @@ from ..messages.source_texts import decode_sweep
 from ..messages.topics import own_topics
 from ..model.bag_formats import HEADLESS, STRING
 from ..model.streams import IMAGE_STREAMS, LAST_NS, Layout, Stream
-from ..options.outputs import ImportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -138,6 +137,7 @@ def make_by_plan(
     from ..importer.apply_plan import guess  # noqa: PLC0415 - for incomplete bags only
     from ..importer.set_builder import Target, build  # noqa: PLC0415
     from ..importer.survey import survey_bags  # noqa: PLC0415
+    from ..options.outputs import ImportOptions  # noqa: PLC0415
 
     options = ImportOptions(layout=layout, name=name)
     survey = replace(survey_bags([bag]), calibrations=())

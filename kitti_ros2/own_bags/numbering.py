@@ -267,7 +267,11 @@ class NumberedBag(NamedTuple):
         numbers: dict[Stream, list[Int64Array]] = {}
         for topic in self.topics.values():
             numbers.setdefault(topic.stream, []).append(topic.numbers[topic.numbers != UNKNOWN])
-        return {stream: np.unique(np.concatenate(parts)) for stream, parts in numbers.items()}
+        # Not np.unique, whose import of numpy.ma takes longer than sorting a million numbers.
+        return {
+            stream: np.array(sorted({*np.concatenate(parts).tolist()}), np.int64)
+            for stream, parts in numbers.items()
+        }
 
 
 def has_common_numbers(source_files: SourceFiles) -> bool:

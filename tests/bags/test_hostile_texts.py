@@ -54,6 +54,36 @@ def test_a_depth_that_is_no_number_is_unknown(depth):
     assert {**offered_qos(profiles), 'profiles': ''} == {**known, 'profiles': ''}
 
 
+PROFILE = """- history: {0}
+  depth: {1}
+  reliability: {0}
+  durability: {2}
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 0
+    nsec: 0
+  liveliness: {0}
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false
+"""
+
+
+@pytest.mark.parametrize('depth', ['0', '1', '10', '010', '999999999', '4294967296', '-1', 'x'])
+@pytest.mark.parametrize('durability', ['1', '2', '11', 'transient_local', 'Transient_Local'])
+@pytest.mark.parametrize('number', [1, 2])
+def test_profiles_as_rosbag2_writes_them_are_what_yaml_makes_of_them(depth, durability, number):
+    """They are read without a YAML parser, which a comment calls."""
+    texts = [PROFILE.format(1, depth, durability), PROFILE.format('keep_last', 7, 1)]
+    profiles = ''.join(texts[:number])
+    by_yaml = offered_qos(f'# as YAML\n{profiles}')
+    assert {**offered_qos(profiles), 'profiles': by_yaml['profiles']} == by_yaml
+    assert offered_qos(profiles.rstrip()).get('depth') == by_yaml.get('depth')
+
+
 @pytest.mark.parametrize('value', ['1.0', '[1]', '{}', '.nan'])
 def test_a_policy_that_is_no_whole_number_is_a_fault(value):
     (fault,) = qos_faults(f'- history: {value}\n  reliability: 1\n  durability: 2\n  liveliness: 1')

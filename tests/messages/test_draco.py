@@ -16,7 +16,7 @@ import pytest
 
 from kitti_ros2.messages.clouds import read_field, read_points
 from kitti_ros2.messages.compressed_clouds import (
-    COMPRESSED_DRACO_CLOUD,
+    OF_CLOUDS,
     decompress_cloud,
     decompress_draco_cloud,
     losses_of_cloud,
@@ -185,7 +185,7 @@ def test_clouds_of_foxglove_have_the_fields_that_their_data_name(draco):
         assert [field.name for field in cloud.fields] == ['x', 'y', 'z', 'intensity', 'ring']
         np.testing.assert_allclose(read_points(cloud, None)[:, :3], expected, atol=1e-3)
         np.testing.assert_array_equal(read_field(cloud, 'ring'), POINTS['ring'])
-    [loss] = COMPRESSED_DRACO_CLOUD.earlier_losses(foxglove(data))
+    [loss] = OF_CLOUDS['CompressedPointCloud'].earlier_losses(foxglove(data))
     assert loss.endswith('rounded x y z to 16 bits of their range')
 
 
