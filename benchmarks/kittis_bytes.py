@@ -83,7 +83,7 @@ def measure_files(drive: Path, folder: Path) -> None:
         run('to-kitti', bag, out, '--layout', 'raw')
         made = next(out.rglob('velodyne_points')).parent
         for suffix in ('.png', '.bin', 'timestamps.txt'):
-            report_files(made, drive, suffix, f'bag of {name}: {suffix} identical')
+            report_files(made, drive, suffix, f'{name} bag: {suffix} identical')
         fresh(bag)
 
 
@@ -99,7 +99,7 @@ def measure_scans(kitti: Path, repeat: int) -> None:
             sizes.append((len(cloud) + len(rest)) / len(data))
             packed.append(len(octets) / len(data))
             costs.append(_costs(points, path, cloud, octets, repeat))
-        note = f'{len(sizes)} scans; zstd {mean(packed):.3f}'
+        note = f'{mean(sizes):.4f} of {len(sizes)} scans; zstd {mean(packed):.4f}'
         report(f'{name}: scan in a bag / its .bin', mean(sizes), f'<= {aim}', note)
         encode, zstd, decode, made_again, unzstd = 1000 * np.mean(costs, axis=0)
         report(f'{name}: encoding / zstd', encode / zstd, '<= 0.33', f'{encode:.1f} ms of CPU')
