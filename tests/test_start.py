@@ -84,3 +84,31 @@ def test_a_command_imports_no_more(words, sources, tmp_path):
     before = imported('import typer', tmp_path)  # versions before 0.16 import rich
     after = imported(f'from kitti_ros2.cli import main; main({run!r})', tmp_path)
     assert sorted((after - before) & COMMANDS[words]) == []
+
+
+THREADS = """
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+import kitti_ros2
+
+sys.setswitchinterval(1e-5)
+together = Barrier(4)
+
+def first_use(path):
+    together.wait()
+    frame = kitti_ros2.open(path)[0]
+    assert frame.points.shape[1] == 4
+    assert frame.transform('map', 'velo_link').shape == (4, 4)
+    return path == BAG or len(kitti_ros2.encode(frame)) > 5
+
+with ThreadPoolExecutor(4) as pool:
+    assert all(pool.map(first_use, [FOLDER, BAG] * 2))
+"""
+
+
+def test_threads_may_use_the_library_first_at_once(sources, tmp_path):
+    """Modules, and the classes of messages, are made when a thread first needs them."""
+    run = THREADS
+    for name, path in sources.items():
+        run = run.replace(name, repr(path))
+    imported(f'exec({run!r})', tmp_path)
