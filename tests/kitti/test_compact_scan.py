@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as st_numpy
 from moved_scans import TWISTS, moved, street
 
 from kitti_ros2.kitti.compact_scan import LARGEST, compact, restore
-from kitti_ros2.model.samples import MISSING, GridSteps
+from kitti_ros2.model.samples import MISSING, Exceptions, GridSteps, ScanRest
 
 REAL = Path(__file__).parents[3] / 'shared/kitti'
 STEPS = np.array([0.001, 0.001, 0.001, 0.01], np.float32)
@@ -120,6 +120,15 @@ def test_rounded_scans_are_the_same_with_every_numpy():
     multiples, rest = compact(points)
     digest = hashlib.sha256(multiples.tobytes() + rest.exceptions.indices.tobytes())
     assert digest.hexdigest()[:16] == '7fbd02c4fc63c26c'
+
+
+def test_compensated_scans_are_the_same_with_every_numpy():
+    xyz = street(1)[::7]
+    points = np.column_stack([xyz, np.zeros(len(xyz), np.float32)])
+    nothing = np.empty(0, np.uint32)
+    steps = GridSteps(np.array([5], np.uint32), np.array([-3], np.int8))
+    twist = np.array(TWISTS['left bend'])
+    restore(points, ScanRest(0x6B994F15, Exceptions(nothing, nothing), twist, steps))
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason='needs real KITTI files in ../shared')
