@@ -26,12 +26,12 @@ from ..model.errors import (
     runs_of,
     some_of,
 )
-from ..model.streams import Layout
-from ..options.read import ReadOptions
+from ..model.streams import Clock, Layout
+from ..options.read import DEFAULT_EPOCH_NS, NOMINAL_PERIOD_NS, ReadOptions
 from .archives import Archive, extract_command, is_archive
 from .find import LAYOUTS, absolute, calibration_beside, tree_of
 from .label_file import find_frame_files
-from .prepare import prepare_motion, prepare_stereo
+from .prepare import CHANGES_NOTHING, prepare_motion, prepare_stereo
 from .store import STORE, cached_listings
 
 if TYPE_CHECKING:
@@ -151,7 +151,18 @@ def _open(candidate: Candidate, options: ReadOptions, *, scans: bool = True) -> 
         recording.prepare_columns()
     prepare_motion(recording)
     prepare_stereo(recording)
+    recording.notes += _idle_times(recording)
     return recording
+
+
+def _idle_times(recording: KittiRecording) -> Iterator[str]:
+    """Yield notes on options of time that a recording with time stamps does not need."""
+    options, has_stamps = recording.options, recording.clock is not Clock.NOMINAL
+    nominal_turns = any(turn.nominal for turn in recording.turns.values())
+    if has_stamps and options.period_ns != NOMINAL_PERIOD_NS and not nominal_turns:
+        yield f'period {CHANGES_NOTHING}: the recording has time stamps'
+    if recording.clock is Clock.UTC and options.epoch_ns != DEFAULT_EPOCH_NS:
+        yield f'epoch {CHANGES_NOTHING}: the time stamps have dates'
 
 
 def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:

@@ -42,7 +42,7 @@ from ..model.errors import (
     format_numbers,
 )
 from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
-from ..model.streams import CAMERA_NAMES, NS_PER_S, Stream
+from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, NS_PER_S, Stream
 from ..options.declare import options_of
 from ..options.messages import Clouds, ColorEncoding, MarkerOptions
 from ..options.stack_names import IMU, StackName
@@ -116,6 +116,8 @@ _STREAMS_OF = {
     **dict.fromkeys(('objects', 'autoware_labels', 'annotations'), _OF_BOXES),
     **dict.fromkeys(('map', 'tf', 'ground_truth_tree'), (Stream.POSE,)),
     'covariances': (Stream.OXTS, Stream.OXTS_EXTRACT),
+    **dict.fromkeys(('clouds', 'points'), (Stream.SCAN,)),
+    'images': IMAGE_STREAMS,
 }
 """By option of messages: the streams, of which it needs one."""
 
@@ -390,12 +392,13 @@ class Encoder:
                 if getattr(holder, opt.field) == opt.default or not streams:
                     continue
                 if not any(self._rows[stream] for stream in streams):
-                    what = ' or '.join(stream.value for stream in streams)
-                    lacking.setdefault(f'no {what}', []).append(opt.name)
+                    images = streams == IMAGE_STREAMS
+                    what = 'image' if images else ' or '.join(stream.value for stream in streams)
+                    lacking.setdefault(f'no {what} is written', []).append(opt.name)
         if options.markers.trails and not self._rig.tracked and self._rows[Stream.LABELS]:
-            lacking['labels without tracks'] = ['trails']
+            lacking['its labels have no tracks'] = ['trails']
         return [
-            f'{self._recording.name} has {reason}; without effect: {", ".join(names)}'
+            f'{self._recording.name}: {reason}; without effect: {", ".join(names)}'
             for reason, names in lacking.items()
         ]
 

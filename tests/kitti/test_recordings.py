@@ -123,6 +123,29 @@ def test_without_any_stamps_frames_are_a_nominal_period_apart(drive):
     assert np.unique(np.diff(recording.streams[Stream.OXTS].stamps_ns)).tolist() == [10**8]
 
 
+IDLE_TIMES = {
+    Layout.RAW: ['period', 'epoch'],
+    Layout.OBJECT: [],
+    Layout.ODOMETRY: ['period'],
+    Layout.TRACKING: [],
+}
+
+
+@pytest.mark.parametrize('layout', IDLE_TIMES)
+def test_options_of_time_that_time_stamps_override_are_named(layout, recordings):
+    options = ReadOptions(period_ns=2 * 10**8, epoch_ns=10**18)
+    notes = open_recording(recordings[layout], options).notes
+    idle = [note.split()[0] for note in notes if 'changes nothing' in note]
+    assert idle == IDLE_TIMES[layout]
+
+
+def test_the_period_is_that_of_turns_without_stamps(drive):
+    (drive / 'velodyne_points/timestamps_end.txt').unlink()
+    recording = open_recording(drive, ReadOptions(period_ns=2 * 10**8))
+    assert {turn.length_ns for turn in recording.turns.values()} == {2 * 10**8}
+    assert not any('changes nothing' in note for note in recording.notes)
+
+
 def test_an_absent_stream_is_a_note(drive):
     shutil.rmtree(drive / 'image_01')
     recording = open_recording(drive)

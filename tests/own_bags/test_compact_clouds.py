@@ -243,6 +243,14 @@ def test_what_is_missing_is_said(drive_bag, tmp_path, capsys, damage):
         assert np.abs(points - own).max() < HALF_MM
 
 
+def test_without_scans_the_form_of_clouds_is_said_to_be_idle(sources, tmp_path, capsys):
+    words = ['to-bag', str(sources[Layout.RAW]), str(tmp_path / 'bag.mcap'), '--streams', 'oxts']
+    assert main([*words, '--clouds', 'compact', '--images', 'raw']) == 0
+    printed = capsys.readouterr().out
+    assert 'no scan is written; without effect: clouds' in printed
+    assert 'no image is written; without effect: images' in printed
+
+
 def test_left_out_rests_are_said(sources, tmp_path, capsys):
     words = ['--clouds', 'compact', '--exclude-topics', REST]
     main(['to-bag', str(sources[Layout.OBJECT]), str(tmp_path / 'bag.mcap'), *words])
