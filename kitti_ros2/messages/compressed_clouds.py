@@ -62,9 +62,7 @@ def decompress_cloud(compressed: Fields, log_ns: int) -> PointCloud2:
     point_step, row_step = compressed.integer('point_step'), compressed.integer('row_step')
     data = bytes(compressed.data('compressed_data'))
     most = max(_LARGEST_ALWAYS, _LARGEST_RATIO * len(data))
-    size = height * max(row_step, width * point_step)
-    if size > most:
-        raise ValueError(f'its points are {size} bytes, {len(data)} if compressed: too many')
+    _check_size(height * max(row_step, width * point_step), data)
     points = b'' if not width * height else _decoder_of(compressed, data)(compressed, data, most)
     header = compressed.child('header')
     return PointCloud2(
@@ -248,17 +246,27 @@ _DECODERS: dict[str, Callable[[Fields, bytes, int], bytes]] = {
 _DATATYPES = {'i1': 1, 'u1': 2, 'i2': 3, 'u2': 4, 'i4': 5, 'u4': 6, 'f4': 7, 'f8': 8}
 
 
-def decompress_draco_cloud(compressed: Fields, log_ns: int) -> PointCloud2:
+def decompress_packed_cloud(compressed: Fields, log_ns: int) -> PointCloud2:
     """Make the PointCloud2 of a CompressedPointCloud; its pose is applied to the points.
+
+    Its schema names Draco alone; pymcap-cli roscompress writes Cloudini so as well.
 
     Args:
         compressed: The message.
         log_ns: Its stamp if it has none, nanoseconds.
 
     Raises:
-        ValueError: Its data are damaged, too large, or not of Draco, the only format it may have.
+        ValueError: Its data are damaged, too large, or neither of Draco nor of Cloudini.
     """
     data = bytes(compressed.data('data'))
+    if data.startswith(cloudini.MAGIC):
+        packed = cloudini.read_header(data)
+        if any(field.datatype > max(_DATATYPES.values()) for field in packed.fields):
+            raise ValueError('it has a field of 64-bit integers, as no PointField has')
+        own = [PointField(field.name, field.offset, field.datatype, 1) for field in packed.fields]
+        _check_size(packed.width * packed.height * packed.point_step, data)
+        octets = cloudini.decode_points(data, packed).tobytes()
+        return place_cloud(compressed, log_ns, own, packed.point_step, octets)
     header = draco.read_draco_header(data)
     fields: list[PointField] = []
     offset = 0
@@ -269,11 +277,10 @@ def decompress_draco_cloud(compressed: Fields, log_ns: int) -> PointCloud2:
             count = attribute.components // len(names)
             fields.append(PointField(name, offset, _DATATYPES[attribute.kind], count))
             offset += int(attribute.kind[1]) * count
-    if header.count * offset > max(_LARGEST_ALWAYS, _LARGEST_RATIO * len(data)):
-        raise ValueError(f'its points are {header.count * offset} bytes: too many')
+    _check_size(header.count * offset, data)
     columns = draco.decode_attributes(data, header)
-    octets = [np.ascontiguousarray(column).view(np.uint8) for column in columns]
-    points = np.hstack(octets) if octets else np.empty((0, 0), np.uint8)
+    parts = [np.ascontiguousarray(column).view(np.uint8) for column in columns]
+    points = np.hstack(parts) if parts else np.empty((0, 0), np.uint8)
     return place_cloud(compressed, log_ns, fields, offset, points.tobytes())
 
 
@@ -287,14 +294,27 @@ def _own_names(header: draco.DracoHeader) -> list[tuple[str, ...]]:
     ]
 
 
-def _losses_of_draco_cloud(compressed: Fields) -> list[str]:
-    header = draco.read_draco_header(bytes(compressed.data('data')))
+def _losses_of_packed_cloud(compressed: Fields) -> list[str]:
+    data = bytes(compressed.data('data'))
+    if data.startswith(cloudini.MAGIC):
+        return _cloudini_losses(compressed, data)
+    header = draco.read_draco_header(data)
     return _draco_losses(header, _own_names(header))
+
+
+def _check_size(size: int, data: bytes) -> None:
+    """Check the bytes of points that data are to become.
+
+    Raises:
+        ValueError: They are too many.
+    """
+    if size > max(_LARGEST_ALWAYS, _LARGEST_RATIO * len(data)):
+        raise ValueError(f'its points are {size} bytes, {len(data)} if compressed: too many')
 
 
 _LOSSES = {'cloudini': _cloudini_losses, 'draco': _losses_of_fields}
 
 OF_CLOUDS = {
-    'CompressedPointCloud': Translation(CLOUD, decompress_draco_cloud, _losses_of_draco_cloud),
+    'CompressedPointCloud': Translation(CLOUD, decompress_packed_cloud, _losses_of_packed_cloud),
     'CompressedPointCloud2': Translation(CLOUD, decompress_cloud, losses_of_cloud),
 }

@@ -13,12 +13,13 @@ from base64 import b64decode, b64encode
 
 import numpy as np
 import pytest
+from cloudini_encoder import Encoder
 
 from kitti_ros2.messages.clouds import read_field, read_points
 from kitti_ros2.messages.compressed_clouds import (
     OF_CLOUDS,
     decompress_cloud,
-    decompress_draco_cloud,
+    decompress_packed_cloud,
     losses_of_cloud,
 )
 from kitti_ros2.messages.draco import read_draco_header
@@ -180,7 +181,7 @@ def test_clouds_of_foxglove_have_the_fields_that_their_data_name(draco):
     pose = {'pose': {'position': {'x': 1.0, 'y': 2.0, 'z': 3.0}, **quarter}}
     moved = xyz @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] + [1, 2, 3]
     for fields, expected in ((foxglove(data), xyz), (foxglove(data, **pose), moved)):
-        cloud = decompress_draco_cloud(fields, 0)
+        cloud = decompress_packed_cloud(fields, 0)
         assert (cloud.header.stamp.sec, cloud.header.frame_id, cloud.width) == (5, 'lidar', 6)
         assert [field.name for field in cloud.fields] == ['x', 'y', 'z', 'intensity', 'ring']
         np.testing.assert_allclose(read_points(cloud, None)[:, :3], expected, atol=1e-3)
@@ -189,10 +190,21 @@ def test_clouds_of_foxglove_have_the_fields_that_their_data_name(draco):
     assert loss.endswith('rounded x y z to 16 bits of their range')
 
 
+def test_clouds_of_foxglove_may_have_data_of_cloudini():
+    """As pymcap-cli roscompress --pc-schema foxglove writes them, though the schema names Draco."""
+    data = Encoder(steps=dict.fromkeys('xyz', 0.01)).encode(POINTS)
+    cloud = decompress_packed_cloud(foxglove(data, format='cloudini'), 0)
+    assert [field.name for field in cloud.fields] == [*POINTS.dtype.names]
+    xyz = np.column_stack([POINTS[name] for name in 'xyz'])
+    np.testing.assert_allclose(read_points(cloud, None)[:, :3], xyz, atol=0.0051)
+    [loss] = OF_CLOUDS['CompressedPointCloud'].earlier_losses(foxglove(data))
+    assert loss == 'compressed with loss by Cloudini, which rounded x y z to 0.01'
+
+
 @pytest.mark.parametrize('data', [b'', b'CLOUDINI_V05', EXACT[:40]])
 def test_clouds_of_foxglove_in_other_formats_are_refused(data):
     with pytest.raises(ValueError, match='its'):
-        decompress_draco_cloud(foxglove(data), 0)
+        decompress_packed_cloud(foxglove(data), 0)
 
 
 DAMAGES = {
