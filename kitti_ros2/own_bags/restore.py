@@ -9,7 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ..kitti import names
 from ..kitti.names import JPEGS, PNG
 from ..kitti.opening import keep_all_but_data_sets
 from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
+from ..kitti.scan_grid import GridTally
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import FILE_CHECKS, POINTS, REST, BagContext
 from ..messages.source_texts import decode_file_check
@@ -71,6 +72,7 @@ def format_sample(
     path: Path,
     columns: ScanColumns | None = None,
     rest: ScanRest | None = None,
+    grid: GridTally | None = None,
 ) -> tuple[bytes | memoryview, str]:
     """Format a sample's file, and describe its difference from KITTI's; '' if there is none.
 
@@ -81,6 +83,7 @@ def format_sample(
         path: Path of the file.
         columns: Columns of scans; None are KITTI's.
         rest: What the file of a scan is besides its cloud; None of clouds that are not compact.
+        grid: Rounds a scan to KITTI's grid that a codec moved off it; None leaves it.
 
     Raises:
         ValueError: The message cannot be decoded, or the file of labels cannot be written.
@@ -93,6 +96,8 @@ def format_sample(
     if rest is not None:
         sample = as_in_file(sample, rest)
         difference = sample.difference
+    elif grid is not None:
+        sample = grid.snapped(sample)
     if sample.labels is not None:
         labels = path.parents[1] / names.POINT_LABELS / f'{path.stem}{names.LABEL}'
         error = write_new(labels, format_point_labels(sample.labels))
@@ -157,6 +162,18 @@ def _is_misnamed(message: Any, path: PurePosixPath) -> bool:  # noqa: ANN401 - o
     return is_jpeg
 
 
+class _Forms(NamedTuple):
+    """The form of the files that are made of other values than theirs.
+
+    Attributes:
+        png: Of PNG files made of pixels; None is KITTI's.
+        snap: Whether scans that a codec rounded are rounded to KITTI's grid again.
+    """
+
+    png: PngForm | None
+    snap: bool
+
+
 def restored_topics(present: Collection[str]) -> set[str]:
     """Return the topics to read; pixels and other clouds only without the file's own."""
     rows = (row for row in own_topics().values() if row.restores and not row.latched)
@@ -175,6 +192,7 @@ def restore(
     progress: Callable[[int, int], None] = lambda _done, _bytes: None,
     *,
     png: PngForm | None = None,
+    snap: bool = True,
     overwrite: bool = False,
     fsync: bool = True,
 ) -> list[ImportReport]:
@@ -185,6 +203,7 @@ def restore(
         out: The data set's folder, absent or empty unless it is overwritten.
         progress: Called with the files and the bytes written so far of one bag.
         png: The form of PNG files made of pixels; None is KITTI's.
+        snap: Whether scans that a codec rounded are rounded to KITTI's grid again.
         overwrite: Whether a data set in the folder may be replaced.
         fsync: Whether the finished data set outlasts a power cut.
 
@@ -203,14 +222,15 @@ def restore(
             raise UsageError(f'{path}: holds {name}, as {other} does; give one of them')
     refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
     with staged(out, refusal, fsync=fsync) as stage:
-        return [_restore(bag, files, stage, png, progress) for bag, files in recordings]
+        forms = _Forms(png, snap)
+        return [_restore(bag, files, stage, forms, progress) for bag, files in recordings]
 
 
 def _restore(
     source: BagSource,
     source_files: SourceFiles,
     stage: Path,
-    png: PngForm | None,
+    forms: _Forms,
     progress: Callable[[int, int], None],
 ) -> ImportReport:
     texts = (*source_files.texts.items(), *source_files.calibrations.items())
@@ -219,7 +239,7 @@ def _restore(
         opened(source) as bag,
         open_messages(bag, restored_topics(source_files.topics), must_read=False) as messages,
     ):
-        writer = _Writer(messages, source_files, stage / source_files.root, bag, png)
+        writer = _Writer(messages, source_files, stage / source_files.root, bag, forms)
         files = ordered_map(writer.write, writer.files(), worker_count())
         with closing(files):
             for done, written in enumerate(files, 1):
@@ -315,15 +335,16 @@ class _Writer:
         source_files: SourceFiles,
         root: Path,
         bag: OpenBag,
-        png: PngForm | None,
+        forms: _Forms,
     ) -> None:
         self._bag = bag
-        self._png = png or PngForm.KITTI
+        self._png = forms.png or PngForm.KITTI
+        self._grid = GridTally(enabled=forms.snap)
         self._rests = ScanRests(self._scan_names, self._lose_text)
         self._exact: set[int] = set()
         self._messages = messages
         self._reencoded = open_reencoded(bag, messages.channels)
-        self._pixels = _FilesOfPixels(asked=png is not None and self._reencoded is None)
+        self._pixels = _FilesOfPixels(asked=forms.png is not None and self._reencoded is None)
         self._source_files = source_files
         self._root = root
         streams = source_files.folders.keys()
@@ -489,7 +510,10 @@ class _Writer:
         rest = self._rests.take(path.name) if stream is Stream.SCAN else None
         if rest is not None:
             self._exact.add(number)
-        content = partial(format_sample, sample, self._root / path, columns, rest)
+        # Of clouds with a loss nothing else gives the files' values again.
+        has_loss = self._messages.earlier_losses or self._source_files.compact
+        grid = self._grid if has_loss else None
+        content = partial(format_sample, sample, self._root / path, columns, rest, grid)
         return _File(stream, number, path, content, message.topic, message.stamp_ns, change)
 
     def _why_unnumbered(self, stream: Stream) -> str:
@@ -559,7 +583,7 @@ class _Writer:
             f" {PNG}: not KITTI's own pixels if another program has encoded them"
             for stream, frames in self._jpegs.items()
         ]
-        notes += self._pixels.notes()
+        notes += [*self._pixels.notes(), *self._grid.notes(Stream.SCAN.value)]
         if self._reencoded is not None:
             notes += self._reencoded.videos.notes()
         return ImportReport(

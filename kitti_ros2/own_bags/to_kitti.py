@@ -108,6 +108,7 @@ class Conversion:
                 self.out,
                 show,
                 png=options.png,
+                snap=options.snap,
                 overwrite=options.overwrite,
                 fsync=options.fsync,
             )
