@@ -14,6 +14,7 @@ import numpy as np
 
 from ..files.threads import Threads
 from ..kitti.find import make_writer
+from ..kitti.scan_grid import compensated, on_grid
 from ..model.errors import OutputExistsError, UsageError
 from ..model.samples import Scan, rect_from_velo
 from ..model.streams import NS_PER_S, Layout, Stream
@@ -33,6 +34,7 @@ from .sensors import (
     Arrivals,
     cast_scan,
     ground_reflectance,
+    kitti_twist,
     label_solids,
     list_arrivals,
     measure,
@@ -171,8 +173,13 @@ class SyntheticDrive:
             self._last_placed = (frame, placed)
         return placed
 
-    def scan(self, frame: int) -> Scan:
-        """Return the sweep of a frame."""
+    def scan(self, frame: int, *, is_compensated: bool = False) -> Scan:
+        """Return the sweep of a frame, on KITTI's grid as it was measured.
+
+        Args:
+            frame: The frame.
+            is_compensated: Whether it is measured in a turn and compensated as those of odometry.
+        """
         placed = self.placed(frame)
         ranges, hits = cast_scan(placed, self.options.lidar_columns)
         rng = np.random.default_rng([self.options.seed, 8, frame])
@@ -186,9 +193,13 @@ class SyntheticDrive:
             noise = rng.normal(0.0, self.options.range_noise_m, ranges.shape)
         stamps = self.stamps(frame)
         points = scan_points(ranges, reflectance, noise)
-        if self.options.swept:
-            forward_s = (stamps.scan - START_NS) / NS_PER_S
+        forward_s = (stamps.scan - START_NS) / NS_PER_S
+        if self.options.swept or is_compensated:
             points = measure(points, self._course, forward_s, _HALF_SWEEP_NS / NS_PER_S)
+        xyz = points[:, :3] = on_grid(points[:, :3])
+        if is_compensated:
+            twist = kitti_twist(self._course, forward_s)
+            points[:, :3] = compensated(xyz.astype(np.float64), twist)
         return Scan(points, start_ns=stamps.scan_start, end_ns=stamps.scan_end)
 
     def picture(self, frame: int, camera: int) -> Picture:
@@ -314,7 +325,8 @@ def _write_frame(writer: LayoutWriter, drive: SyntheticDrive, frame: int) -> Non
     stamps = drive.stamps(frame)
     if frame == 0 or writer.layout.traits.calibration_per_frame:
         writer.write_calibration(frame, drive.calibration)
-    writer.write_scan(frame, stamps.scan, drive.scan(frame))
+    is_compensated = writer.layout.traits.compensated_scans
+    writer.write_scan(frame, stamps.scan, drive.scan(frame, is_compensated=is_compensated))
     if Stream.OXTS in writer.accepts:
         writer.write_oxts(frame, drive.packet_stamp(frame), drive.packet(frame))
     if Stream.POSE in writer.accepts:

@@ -178,6 +178,7 @@ def _cast_walls(one: PlacedSolid, azimuths: Float64Array) -> tuple[Float64Array,
 _KNOTS = 201
 _ROUNDS = 40
 _SETTLED_S = 1e-9
+_KITTI_TURN_S = 0.1
 
 
 def measure(
@@ -213,6 +214,14 @@ def measure(
     measured[:, 0], measured[:, 1] = x, y
     settled: Float32Array = measured[np.abs(times - before) < _SETTLED_S]
     return settled
+
+
+def kitti_twist(course: Course, forward_s: float) -> Float64Array:
+    """Return (6,) the motion of 0.1 s, metres and radians, with which KITTI compensates a scan."""
+    before, after = (_pose(course, forward_s + side * _KITTI_TURN_S / 2) for side in (-1, 1))
+    (x, y, turned), yaw = np.subtract(after, before), _pose(course, forward_s)[2]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([c * x + s * y, c * y - s * x, 0.0, 0.0, 0.0, turned])
 
 
 def _pose(course: Course, time: float) -> tuple[float, float, float]:

@@ -122,7 +122,11 @@ def test_the_player_publishes_plain_clouds(drive_bag):
 
 
 def test_scans_that_are_no_grid_are_in_clouds_byte_for_byte(recordings, tmp_path, capsys):
-    source, bag = recordings[Layout.OBJECT], tmp_path / 'bag.mcap'
+    source, bag = tmp_path / 'object', tmp_path / 'bag.mcap'
+    shutil.copytree(recordings[Layout.OBJECT], source)
+    for file in source.rglob('*.bin'):
+        points = np.fromfile(file, '<f4').reshape(-1, 4)
+        (points + np.float32([3e-4, 3e-4, 3e-4, 0])).tofile(file)
     assert main(['to-bag', str(source), str(bag), '--clouds', 'compact']) == 0
     assert "not on KITTI's grid of 1 mm" in capsys.readouterr().out
     stored = scans_of(files_of(source)).values()

@@ -135,7 +135,8 @@ def test_every_layout_is_read_again(written: dict[Layout, Path], layout: Layout)
     assert {len(index) for index in recording.streams.values()} == {TINY.frames}
     scan = recording.read(Stream.SCAN, 2)
     assert isinstance(scan, Scan)
-    np.testing.assert_array_equal(scan.points, truth.scan(2).points)
+    made = truth.scan(2, is_compensated=layout is Layout.ODOMETRY)
+    np.testing.assert_array_equal(scan.points, made.points)
     calibration = recording.calibration(2)
     assert calibration.r0_rect is not None
     rect_t_velo = rect_from_velo(calibration).matrix()
