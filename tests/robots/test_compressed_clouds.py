@@ -281,6 +281,28 @@ def test_bags_of_to_bag_say_that_their_scans_were_rounded(tmp_path, own_bag, cap
     assert main(['view', str(bag), '-o', str(tmp_path / 'picture.png')]) == 0
 
 
+@pytest.mark.parametrize('step', [1e-5, 1e-3])
+def test_bags_of_to_bag_have_kittis_values_after_a_codec_of_a_millimetre(
+    tmp_path, own_bag, capsys, step
+):
+    """All but signs of zeros: the scans are losses all the same."""
+    steps = {**dict.fromkeys('xyz', step), 'intensity': step}
+    bag = retyped(own_bag, tmp_path / 'bag.mcap', partial(with_cloudini, steps=steps))
+    assert main(['to-kitti', str(own_bag), str(tmp_path / 'before'), '-q']) == 0
+    for words, same in (((), True), (('--no-snap',), False)):
+        out = tmp_path / f'after{len(words)}'
+        assert main(['to-kitti', str(bag), str(out), *words]) == 1
+        said = said_by(capsys)
+        assert "are not KITTI's own" in said
+        assert ('5 of 5 scans are within 0.02 mm of a grid' in said) is same
+        scans = [
+            np.fromfile(next(out.rglob(file.name)), '<f4').tolist()
+            == np.fromfile(file, '<f4').tolist()
+            for file in (tmp_path / 'before').rglob('*.bin')
+        ]
+        assert scans == [same] * 5
+
+
 def test_the_player_has_the_clouds_as_plain_ones(tmp_path, own_bag):
     rounded = partial(with_cloudini, steps=dict.fromkeys('xyz', 0.01))
     bag = retyped(own_bag, tmp_path / 'bag.mcap', rounded)
