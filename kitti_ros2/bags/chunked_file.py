@@ -405,6 +405,7 @@ class ChunkedFile(BagFile, Generic[Head]):
         self._problems = problems
         self._form = form
         self.fetches = not file.waits
+        self._recent: Mapping[int, FetchedChunk] = {}  # the last two that single messages were of
 
     def fetch(self, chunk: Chunk) -> FetchedChunk:
         """Read a chunk, and unpack it unless it is large, on any thread."""
@@ -426,7 +427,11 @@ class ChunkedFile(BagFile, Generic[Head]):
             if starts is not None:
                 return map(self._message, fetched, starts)
             fetched = None  # what is wrong is found where the whole chunk is read
-        if fetched is None:
+        if fetched is None and wanted.since_ns == wanted.until_ns:
+            # What is near to a single message is likely to be read next.
+            fetched = self._recent.get(chunk.position) or self.fetch(chunk)
+            self._recent = {**dict([*self._recent.items()][-1:]), chunk.position: fetched}
+        elif fetched is None:
             fetched = FetchedChunk(self._file.read(chunk.position, chunk.length), None)
         data, unpacked = fetched
         end = chunk.position + len(data)

@@ -394,7 +394,7 @@ class MessageStart(bytes):
     """The first kilobyte or more of a large message, of which the rest was not kept.
 
     Attributes:
-        size: Bytes of the whole message.
+        size: Bytes of the whole message as stored.
     """
 
     size: int

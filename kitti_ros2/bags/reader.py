@@ -38,7 +38,7 @@ from .stored_messages import (
     Definitions,
     MissingLibraryError,
     defining_channel,
-    is_stored_as_cdr,
+    has_starts,
     may_be_lossy,
     ros_channel,
     stored_channel,
@@ -358,7 +358,7 @@ class BagMessages:
         """
         cdr_topics: list[dict[int, str]] = [{} for _ in self._files]
         for reading in self._readings.values():
-            if is_stored_as_cdr(reading.channel):
+            if has_starts(reading.channel):
                 cdr_topics[reading.number][reading.channel_id] = reading.channel.topic
         for file, topics in zip(self._files, cdr_topics, strict=True):
             file.is_start_enough = partial(_is_enough, topics, is_enough)

@@ -9,6 +9,7 @@ import shutil
 import sqlite3
 import sys
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -20,11 +21,13 @@ from ..files.remote import is_remote
 from ..model.errors import BadBagError, one_line
 from .container_file import (
     LAST_NS,
+    START_BYTES,
     BagFile,
     Chunk,
     FileBytes,
     MessageStart,
     StoredChannel,
+    UnreadMessage,
     offered_qos,
     ros2_spelling,
 )
@@ -38,10 +41,10 @@ if TYPE_CHECKING:
 
     from .container_file import (
         FetchedChunk,
+        FoundMessage,
         IndexedMessage,
         NamedFile,
         Problems,
-        StoredMessage,
         Wanted,
     )
     from .decompression import DescriptionLimits
@@ -183,12 +186,17 @@ def _channel(texts: Sequence[str], definitions: Mapping[str, tuple[str, str]]) -
 _ROW = np.dtype([('id', '<i8'), ('topic_id', '<i8'), ('stamp_ns', '<i8')])
 # SQLite does not read data of which it needs the length only; a chain of pages may have no end.
 _DATA = (
-    'SELECT id, CASE WHEN length(data) <= ? THEN data END FROM messages {}'
-    ' WHERE topic_id IN ({}) AND timestamp >= ? ORDER BY {}'
+    "SELECT id, CASE typeof(data) WHEN 'blob' THEN length(data) END,"
+    ' CASE WHEN length(data) <= ? THEN data END FROM messages {}'
+    ' WHERE {} IN ({}) AND timestamp >= ? {}'
 )
-_IN_ORDER = _DATA.format('NOT INDEXED', '{}', 'id')
-_TO_SORT = _DATA.format('', '{}', 'timestamp, id')
+_BY_ID = _DATA.format('NOT INDEXED', 'id', '{}', '')  # in order; told to sort, SQLite copies data
+_IN_ORDER = _DATA.format('NOT INDEXED', 'topic_id', '{}', 'ORDER BY id')
+_TO_SORT = _DATA.format('', 'topic_id', '{}', 'ORDER BY timestamp, id')
+_FEW = 8  # rows that are found by their ids
 _LARGE = 2**16
+_READS_PARTS = sys.version_info >= (3, 11)
+_BLOB = 'messages', 'data'
 _ADVISED_BYTES = 2**22
 _ERRORS = (sqlite3.Error, TypeError, ValueError, OverflowError)
 
@@ -248,7 +256,7 @@ class SqliteFile(BagFile):
         chunk: Chunk,
         wanted: Wanted,
         fetched: FetchedChunk | Sequence[IndexedMessage] | None = None,
-    ) -> Iterator[StoredMessage]:
+    ) -> Iterator[FoundMessage]:
         """Yield the requested messages, in time order."""
         del chunk, fetched  # there is only one chunk, which is read row by row
         channel_ids, since_ns, until_ns = wanted
@@ -391,34 +399,53 @@ class SqliteFile(BagFile):
 
     def _in_one_query(
         self, rows: npt.NDArray[np.void], ids: Collection[int]
-    ) -> Iterator[StoredMessage]:
+    ) -> Iterator[FoundMessage]:
         """Yield the messages of rows by the fastest query, up to the first damage."""
         if self._connection is None or not len(rows):
             return
         # The database's index sorts the rows, unless they are stored in order.
         query = _IN_ORDER if (np.diff(rows['id']) > 0).all() else _TO_SORT
+        if query is _IN_ORDER and len(rows) <= _FEW:
+            query, ids = _BY_ID, rows['id'].tolist()
         query = query.format(', '.join('?' * len(ids)))
+        is_skimmed = self.is_start_enough is not None and _READS_PARTS and not self.whole_chunks
+        largest = _LARGE - 1 if is_skimmed else self._size
         done = advised = 0
         with suppress(sqlite3.Error):
-            cursor = self._connection.execute(query, [self._size, *ids, int(rows['stamp_ns'][0])])
-            for (row_id, topic_id, stamp_ns), (found_id, data) in zip(
+            cursor = self._connection.execute(query, [largest, *ids, int(rows['stamp_ns'][0])])
+            for (row_id, topic_id, stamp_ns), (found_id, size, data) in zip(
                 rows.tolist(), cursor, strict=False
             ):
                 # SQLite reads zeros behind the end of a file that was cut meanwhile.
-                if found_id != row_id or not isinstance(data, bytes) or self._file.is_cut():
+                if found_id != row_id or self._file.is_cut():
+                    return
+                if is_skimmed and size is not None and largest < size <= self._size:
+                    yield stamp_ns, topic_id, UnreadMessage(partial(self._large, row_id, topic_id))
+                    continue
+                if not isinstance(data, bytes):
                     return
                 # Rows stored in order lie about as far in the file as their data together.
                 done += len(data)
-                if done >= advised:
+                if done >= advised and not is_skimmed:
                     self._file.expect(done + _ADVISED_BYTES, _ADVISED_BYTES)
                     advised = done + _ADVISED_BYTES
-                yield stamp_ns, topic_id, self._start_of(topic_id, data)
+                yield stamp_ns, topic_id, data
 
-    def _start_of(self, topic_id: int, data: bytes) -> bytes:
-        """Return the start of large data where that is enough; what is compressed stays whole."""
-        if len(data) < _LARGE or not self._wants_start(topic_id, data):
-            return data
-        return MessageStart.of(data, len(data))
+    def _large(self, row_id: int, topic_id: int) -> bytes | None:
+        """Read the data of a row, or its start where that is enough."""
+        data = b''
+        if sys.version_info >= (3, 11) and self._connection is not None:
+            connection = self._connection
+            with (
+                suppress(sqlite3.Error),
+                connection.blobopen(*_BLOB, row_id, readonly=True) as blob,
+            ):
+                data = blob.read(START_BYTES)
+                if self._wants_start(topic_id, data):
+                    data = MessageStart.of(data, len(blob))
+                else:
+                    data += blob.read()
+        return data if data and not self._file.is_cut() else self._data(row_id)
 
     def _data(self, row_id: int) -> bytes | None:
         message = self._scanned().get(row_id)

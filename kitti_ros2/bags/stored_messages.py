@@ -29,9 +29,9 @@ from ..messages.type_definitions import (
     without_wide_fields,
 )
 from ..messages.type_descriptions import defined_hash
-from ..model.bag_formats import HEADER, ZSTD_MAGIC
+from ..model.bag_formats import HEADER, LARGE_TYPES, ZSTD_MAGIC
 from ..model.errors import KittiRos2Error, MissingDataError
-from .container_file import StoredChannel
+from .container_file import MessageStart, StoredChannel
 from .decompression import decompress_message
 
 if TYPE_CHECKING:
@@ -461,6 +461,7 @@ _PACKAGES = (
     'point_cloud_interfaces/msg/',
     'point_cloud_interfaces/',
 )
+_ROS1_HEADER = 16  # bytes of a Header in ROS 1 up to its frame_id, the last four its length
 _ROS = frozenset({'cdr', 'ros1'})
 _ENCODINGS = _ROS | {'protobuf', 'json'}
 
@@ -655,9 +656,16 @@ READ = frozenset({'cdr', 'ros1'})
 """Encodings of channels that are read."""
 
 
-def is_stored_as_cdr(channel: StoredChannel) -> bool:
-    """Return whether messages of a channel are in their file as they are read."""
-    return channel.encoding == 'cdr' and not isinstance(channel, TranslatedChannel)
+def has_starts(channel: StoredChannel) -> bool:
+    """Return whether the first bytes of large messages of a channel can be read alone.
+
+    They are CDR as stored, or of ROS 1 and begin with a Header, which is then the start.
+    """
+    if isinstance(channel, TranslatedChannel):
+        return False
+    return channel.encoding == 'cdr' or (
+        channel.encoding == 'ros1' and channel.msgtype in LARGE_TYPES
+    )
 
 
 class CdrConverter:
@@ -711,5 +719,9 @@ class CdrConverter:
         if channel in self._translators:
             return self._translators[channel](data, log_ns)
         if channel.encoding == 'ros1' and self._converts_ros1:
+            if isinstance(stored, MessageStart):
+                header = stored[: _ROS1_HEADER + int.from_bytes(stored[12:_ROS1_HEADER], 'little')]
+                converted = ros1_to_cdr(self._typestore(), header, HEADER)
+                return MessageStart.of(converted, stored.size)
             return ros1_to_cdr(self._typestore(), stored, channel.msgtype)
         return stored if channel.encoding == 'ros1' else data

@@ -190,7 +190,7 @@ class TopicSurvey:
         headless: Indices of the messages without a readable header.
         contents: CameraInfo: its content where that differs from the message before, each with
             the index of its message.
-        size_bytes: Size of its messages as CDR.
+        size_bytes: Size of its messages as CDR; of large ones of ROS 1 as stored.
         links_ns: TFMessages: stamps of the first transforms, log times where they are 0.
         positions: NavSatFix: latitude, longitude and altitude of each, NaN without a fix.
         moves: Messages with a twist: whether one has a velocity that is not 0.

@@ -20,6 +20,8 @@ from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.container_file import FileBytes, MessageStart, size_of
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.ros1_bag import INDEX, opcode_of, split_record
+from kitti_ros2.messages.cdr import peek_header
+from kitti_ros2.model.bag_formats import HEADER
 
 START_NS = 10**18
 TEXT, BYTES = 'std_msgs/msg/String', 'std_msgs/msg/UInt8MultiArray'
@@ -148,6 +150,27 @@ def test_of_large_messages_the_start_may_do(tmp_path):
     )
     assert MessageStart not in (asked[0], asked[17])
     assert asked.count(MessageStart) > 4
+
+
+def test_the_start_of_a_large_message_of_ros1_is_its_header(tmp_path):
+    path, msgtype = tmp_path / 'bag.bag', 'sensor_msgs/msg/CompressedImage'
+    store = get_typestore(Stores.ROS1_NOETIC)
+    image, header, time = (
+        store.types[name] for name in (msgtype, HEADER, 'builtin_interfaces/msg/Time')
+    )
+    with Ros1Writer(path) as writer:
+        channel = writer.add_connection('/image', msgtype, typestore=store)
+        for number in range(20):
+            head = header(number, time(7, number), 'camera' * number)
+            message = image(head, 'png', np.zeros(100_000 + number, np.uint8))
+            writer.write(channel, START_NS + number, store.serialize_ros1(message, msgtype))
+    expected, _ = read(path)
+    with open_messages(path) as messages:
+        messages.skim(lambda _: True)
+        starts = [message.data for message in messages]
+    assert all(isinstance(start, MessageStart) for start in starts)
+    assert [*map(peek_header, starts)] == [peek_header(data) for _, _, data in expected]
+    assert [start.size // 1000 for start in starts] == [100] * 20
 
 
 # An index that lies. What is patched: an offset in the file and new bytes, by container.
