@@ -176,8 +176,9 @@ class BagPart:
         self._start_ns = self._bound_ns('start', selection.start)
         self._end_ns = self._bound_ns('end', selection.end)
         if self._start_ns is not None and self._start_ns > self._extent[1]:
-            last = format_stamp(self._extent[1])
-            raise UsageError(f'{bag.path}: {selection} takes no message; the last is of {last}')
+            last = f'the last is of {format_stamp(self._extent[1])}'
+            why = last if self._extent[1] else 'the bag has none'
+            raise UsageError(f'{bag.path}: {selection} takes no message; {why}')
 
     def _bound_ns(self, name: str, bound: Bound | None) -> int | None:
         if bound is None:

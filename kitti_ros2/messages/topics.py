@@ -161,7 +161,7 @@ def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
     selected = [name for name in names if not patterns or _matches(name, patterns)]
     if not selected and patterns:
         hints = [_close_topics(pattern, names) for pattern in patterns]
-        hint = ''.join(hints) or f'; there are {", ".join(sorted(names))}'
+        hint = ''.join(hints) or f'; there are {", ".join(sorted(names)) or "no topics"}'
         raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
     matching = [name for name in selected if not _matches(name, excluded)]
     if selected and not matching:

@@ -404,6 +404,20 @@ def test_options_that_have_no_meaning_are_refused(words, said, tmp_path, capsys)
     assert [*tmp_path.iterdir()] == [bag]
 
 
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['--topics', '/x'], 'no topic is called /x; there are no topics'),
+        (['--start', '1s'], 'the selection from 1s takes no message; the bag has none'),
+    ],
+)
+def test_selections_of_a_bag_without_messages_are_refused(words, said, tmp_path, capsys):
+    with Ros1Writer(tmp_path / 'empty.bag'):
+        pass
+    assert convert(tmp_path / 'empty.bag', tmp_path / 'out.mcap', *words) == 2
+    assert capsys.readouterr().err.strip().endswith(said)
+
+
 def test_the_bag_itself_and_an_existing_one_are_not_overwritten(tmp_path):
     bag = write_ros1(tmp_path / 'bag.bag')
     assert convert(bag, bag, '--overwrite') == 2

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,8 +15,11 @@ import pytest
 from folder_and_bag import rerecord
 
 from kitti_ros2.cli import main
+from kitti_ros2.files.image_files import decode_png, encode_depth_map, parse_png
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
+from kitti_ros2.importer.set_builder import make_depth_map
 from kitti_ros2.importer.survey import survey_bags
+from kitti_ros2.kitti.calib_file import parse_raw_calibration
 from kitti_ros2.kitti.scan_grid import on_grid
 from kitti_ros2.messages.camera_info import decode_static
 from kitti_ros2.messages.cdr import deserialize, join, serialize
@@ -23,6 +27,7 @@ from kitti_ros2.messages.clouds import read_points
 from kitti_ros2.messages.ros_types import PointField
 from kitti_ros2.model.bag_formats import CLOUD
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
+from kitti_ros2.model.samples import rect_from_velo
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import ImportOptions
 
@@ -279,3 +284,27 @@ def test_objects_have_the_places_and_projections_of_kitti(recordings, tmp_path):
             for folder in (source, tmp_path / 'out/training')
         )
         assert own[:4] == true[:4], 'P0 to P3'
+
+
+SHARED = Path(__file__).parents[3] / 'shared/kitti'
+
+
+@pytest.mark.skipif(not (SHARED / 'more').is_dir(), reason='needs real KITTI files in ../shared')
+@pytest.mark.parametrize('kind', ['groundtruth', 'velodyne_raw'])
+def test_depth_maps_are_kittis_files_if_their_depths_are(kind):
+    """Of the points that the pixels of a depth image in metres become, in float32."""
+    [path] = SHARED.glob(f'more/depth/train/*/proj_depth/{kind}/image_02/*.png')
+    png = path.read_bytes()
+    levels = decode_png(parse_png(png, path))
+    folder = SHARED / 'raw/2011_09_26'
+    texts = {file.name: file.read_text() for file in folder.glob('calib_*.txt')}
+    calibration = parse_raw_calibration(texts, folder, rectified=True)
+    p_rect = calibration.cameras[2].p_rect
+    row, column = np.nonzero(levels)
+    depth = levels[row, column] / 256
+    pixels = np.column_stack([column, row, np.ones(len(row))]) * depth[:, None]
+    seen = np.linalg.solve(p_rect[:, :3], (pixels - p_rect[:, 3]).T).T
+    points = rect_from_velo(calibration).inverse().apply(seen)
+    points = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
+    made = make_depth_map(points, calibration, 2, levels.shape[::-1])
+    assert encode_depth_map(made) == png
