@@ -7,14 +7,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..model.boxes import Difficulty
-from ..model.errors import format_count
+from ..model.errors import format_count, one_line
 from ..options.evaluation import Alignment
-from .output import NONE, cell, console, figure_cells, number_cell, plain_table, say
+from .output import NONE, Table, figure_cells, number_cell, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-
-    from rich.table import Table
 
     from ..evaluation.detection import DetectionScores, WorstFrame
     from ..evaluation.object_benchmark import Curve, Scores
@@ -33,11 +31,13 @@ def print_worst(worst: Sequence[WorstFrame]) -> None:
     if not worst:
         say('no scored frame has errors')
         return
-    table = plain_table('worst', ('frame', 'penalty'))
-    table.add_column('errors', overflow='fold')
+    table = Table('worst', ('frame', 'penalty'))
+    table.add_column('errors', folds=True)
     for rank, frame in enumerate(worst, 1):
-        table.add_row(f'{rank}', f'{frame.number:06d}', f'{frame.penalty:.2f}', cell(frame.reason))
-    console().print(table)
+        table.add_row(
+            f'{rank}', f'{frame.number:06d}', f'{frame.penalty:.2f}', one_line(frame.reason)
+        )
+    table.show()
     say('penalty: 1 for each missed label, the score for each false positive')
 
 
@@ -45,14 +45,13 @@ def print_detections(scores: DetectionScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from ..evaluation.detection import LOOSE
 
-    screen = console(soft_wrap=True)
     for table in _tables(scores.scores, scores.limits):
-        screen.print()
-        screen.print(table, soft_wrap=False)
+        say('')
+        table.show()
     for table in _tables(scores.loose, LOOSE):
-        screen.print()
-        screen.print(table, soft_wrap=False)
-    screen.print()
+        say('')
+        table.show()
+    say('')
     say('average precision, percent; - has no objects, or is not evaluated')
     for note in scores.notes:
         say(f'note: {note}')
@@ -68,7 +67,7 @@ def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:
     shown_metrics = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
     heads = [f'{level} {points}' for points in ('R40', 'R11') for level in ('easy', 'mod.', 'hard')]
     for class_name, metrics in scores.items():
-        table = plain_table(f'{cell(class_name):<10} IoU {limits[class_name]:.2f}', heads)
+        table = Table(f'{one_line(class_name):<10} IoU {limits[class_name]:.2f}', heads)
         for metric in (name for name in shown_metrics if name in metrics):
             curves = [metrics[metric][level] for level in Difficulty]
             shown = [_figure(curve, 'r40') for curve in curves]
@@ -103,7 +102,6 @@ _ALIGNMENTS = {
 
 def print_trajectory(scores: OdometryScores) -> None:
     """Print tables for a terminal of 80 columns."""
-    screen = console(soft_wrap=True)
     frames = format_count(len(scores.numbers), 'frame')
     say(f'{scores.name}: {frames}, {scores.distances_m[-1]:,.1f} m')
     say(f'ground truth: {scores.ground_truth}')
@@ -113,9 +111,9 @@ def print_trajectory(scores: OdometryScores) -> None:
     for note in scores.notes:
         say(f'note: {note}')
     say('')
-    screen.print(_segments(scores.segments), soft_wrap=False)
+    _segments(scores.segments).show()
     say('')
-    screen.print(_errors(scores), soft_wrap=False)
+    _errors(scores).show()
     say(f'{_ALIGNMENTS[scores.alignment]}{_alignment_of(scores)}')
 
 
@@ -129,7 +127,7 @@ def _alignment_of(scores: OdometryScores) -> str:
 def _segments(segments: SegmentErrors) -> Table:
     from ..evaluation.trajectories import LENGTHS_M
 
-    table = plain_table('KITTI', ('segments', 't_err %', 'r_err deg/m'))
+    table = Table('KITTI', ('segments', 't_err %', 'r_err deg/m'))
     for length in LENGTHS_M:
         part = segments.of_length(length)
         if len(part):
@@ -143,7 +141,7 @@ def _segment_cells(part: SegmentErrors) -> tuple[str, ...]:
 
 
 def _errors(scores: OdometryScores) -> Table:
-    table = plain_table('metres', ('RMSE', 'mean', 'median', 'max'))
+    table = Table('metres', ('RMSE', 'mean', 'median', 'max'))
     table.add_row('APE', *_error_cells(scores.errors.ape_m, scores.ape_m))
     table.add_row('RPE, frame to frame', *_error_cells(scores.errors.rpe_m, scores.rpe_m))
     return table
@@ -181,10 +179,10 @@ def print_tracks(scores: TrackingScores) -> None:
     names = ', '.join(scores.sequences)
     sequences = format_count(len(scores.sequences), 'sequence')
     say(f'{sequences} ({names}), {format_count(scores.frames, "frame")}')
-    table = plain_table('class', _COLUMNS.values())
+    table = Table('class', _COLUMNS.values())
     for class_name, figures in scores.classes.items():
         table.add_row(class_name, *figure_cells(figures, _COLUMNS))
-    console().print(table)
+    table.show()
     if any(figures['HOTA'] is None for figures in scores.classes.values()):
         say('- has no objects and no tracks')
     for note in scores.notes:
