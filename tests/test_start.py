@@ -18,7 +18,7 @@ BAGS = {
     *('kitti_ros2.importer', 'kitti_ros2.own_bags', 'kitti_ros2.bags.reader'),
 }
 OTHERS_BAGS = {'kitti_ros2.importer.guess', 'kitti_ros2.importer.planned_recording'}
-RARE = {*OTHERS_BAGS, 'yaml', 'rich', 'sqlite3', 'kitti_ros2.messages.foxglove'}
+RARE = {*OTHERS_BAGS, 'yaml', 'sqlite3', 'kitti_ros2.messages.foxglove'}
 STORES = {'fsspec', 'kitti_ros2.files.remote_reads', 'kitti_ros2.files.remote_requests'}
 SHELL = {'typer', 'rich', 'kitti_ros2.cli'}
 OPEN = 'import kitti_ros2; kitti_ros2.open'

@@ -15,13 +15,13 @@ from ..evaluation.score_values import combined_odometry, combined_tracking
 from ..evaluation.track_metrics import check_trackeval
 from ..evaluation.trajectories import check_evo
 from ..model.boxes import Difficulty
-from ..model.errors import BadFileError, one_line
+from ..model.errors import BadFileError
 from ..options.evaluation import (
     make_detection_options,
     make_odometry_options,
     make_tracking_options,
 )
-from .output import PLOTS, Table, figure_cells, number_cell
+from .output import PLOTS, cell, console, figure_cells, number_cell, plain_table
 from .run_all import Combined, output_folder, run_collection
 
 if TYPE_CHECKING:
@@ -138,11 +138,11 @@ def _together(evaluation: Evaluation, scores: Sequence[Values]) -> Values:
 
 def _print_scores(evaluation: Evaluation, scores: Sequence[tuple[str, Values]]) -> None:
     """Print a table with a row for each result."""
-    table = Table('result', evaluation.columns)
+    table = plain_table('result', evaluation.columns)
     for name, values in scores:
         for part, cells in evaluation.rows(values):
-            table.add_row(one_line(f'{name} {part}'.rstrip()), *cells)
-    table.show()
+            table.add_row(cell(f'{name} {part}'.rstrip()), *cells)
+    console().print(table)
 
 
 def _read_scores(path: Path) -> Values:

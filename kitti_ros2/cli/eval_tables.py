@@ -7,12 +7,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..model.boxes import Difficulty
-from ..model.errors import format_count, one_line
+from ..model.errors import format_count
 from ..options.evaluation import Alignment
-from .output import NONE, Table, figure_cells, number_cell, say
+from .output import NONE, cell, console, figure_cells, number_cell, plain_table, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+
+    from rich.table import Table
 
     from ..evaluation.detection import DetectionScores, WorstFrame
     from ..evaluation.object_benchmark import Curve, Scores
@@ -31,13 +33,11 @@ def print_worst(worst: Sequence[WorstFrame]) -> None:
     if not worst:
         say('no scored frame has errors')
         return
-    table = Table('worst', ('frame', 'penalty'))
-    table.add_column('errors', folds=True)
+    table = plain_table('worst', ('frame', 'penalty'))
+    table.add_column('errors', overflow='fold')
     for rank, frame in enumerate(worst, 1):
-        table.add_row(
-            f'{rank}', f'{frame.number:06d}', f'{frame.penalty:.2f}', one_line(frame.reason)
-        )
-    table.show()
+        table.add_row(f'{rank}', f'{frame.number:06d}', f'{frame.penalty:.2f}', cell(frame.reason))
+    console().print(table)
     say('penalty: 1 for each missed label, the score for each false positive')
 
 
@@ -45,13 +45,14 @@ def print_detections(scores: DetectionScores) -> None:
     """Print tables for a terminal of 80 columns."""
     from ..evaluation.detection import LOOSE
 
+    screen = console(soft_wrap=True)
     for table in _tables(scores.scores, scores.limits):
-        say('')
-        table.show()
+        screen.print()
+        screen.print(table, soft_wrap=False)
     for table in _tables(scores.loose, LOOSE):
-        say('')
-        table.show()
-    say('')
+        screen.print()
+        screen.print(table, soft_wrap=False)
+    screen.print()
     say('average precision, percent; - has no objects, or is not evaluated')
     for note in scores.notes:
         say(f'note: {note}')
@@ -67,7 +68,7 @@ def _tables(scores: Scores, limits: Mapping[str, float]) -> Iterator[Table]:
     shown_metrics = (Space.IMAGE.value, ORIENTATION, Space.GROUND.value, Space.SOLID.value)
     heads = [f'{level} {points}' for points in ('R40', 'R11') for level in ('easy', 'mod.', 'hard')]
     for class_name, metrics in scores.items():
-        table = Table(f'{one_line(class_name):<10} IoU {limits[class_name]:.2f}', heads)
+        table = plain_table(f'{cell(class_name):<10} IoU {limits[class_name]:.2f}', heads)
         for metric in (name for name in shown_metrics if name in metrics):
             curves = [metrics[metric][level] for level in Difficulty]
             shown = [_figure(curve, 'r40') for curve in curves]
@@ -102,6 +103,7 @@ _ALIGNMENTS = {
 
 def print_trajectory(scores: OdometryScores) -> None:
     """Print tables for a terminal of 80 columns."""
+    screen = console(soft_wrap=True)
     frames = format_count(len(scores.numbers), 'frame')
     say(f'{scores.name}: {frames}, {scores.distances_m[-1]:,.1f} m')
     say(f'ground truth: {scores.ground_truth}')
@@ -111,9 +113,9 @@ def print_trajectory(scores: OdometryScores) -> None:
     for note in scores.notes:
         say(f'note: {note}')
     say('')
-    _segments(scores.segments).show()
+    screen.print(_segments(scores.segments), soft_wrap=False)
     say('')
-    _errors(scores).show()
+    screen.print(_errors(scores), soft_wrap=False)
     say(f'{_ALIGNMENTS[scores.alignment]}{_alignment_of(scores)}')
 
 
@@ -127,7 +129,7 @@ def _alignment_of(scores: OdometryScores) -> str:
 def _segments(segments: SegmentErrors) -> Table:
     from ..evaluation.trajectories import LENGTHS_M
 
-    table = Table('KITTI', ('segments', 't_err %', 'r_err deg/m'))
+    table = plain_table('KITTI', ('segments', 't_err %', 'r_err deg/m'))
     for length in LENGTHS_M:
         part = segments.of_length(length)
         if len(part):
@@ -141,7 +143,7 @@ def _segment_cells(part: SegmentErrors) -> tuple[str, ...]:
 
 
 def _errors(scores: OdometryScores) -> Table:
-    table = Table('metres', ('RMSE', 'mean', 'median', 'max'))
+    table = plain_table('metres', ('RMSE', 'mean', 'median', 'max'))
     table.add_row('APE', *_error_cells(scores.errors.ape_m, scores.ape_m))
     table.add_row('RPE, frame to frame', *_error_cells(scores.errors.rpe_m, scores.rpe_m))
     return table
@@ -179,10 +181,10 @@ def print_tracks(scores: TrackingScores) -> None:
     names = ', '.join(scores.sequences)
     sequences = format_count(len(scores.sequences), 'sequence')
     say(f'{sequences} ({names}), {format_count(scores.frames, "frame")}')
-    table = Table('class', _COLUMNS.values())
+    table = plain_table('class', _COLUMNS.values())
     for class_name, figures in scores.classes.items():
         table.add_row(class_name, *figure_cells(figures, _COLUMNS))
-    table.show()
+    console().print(table)
     if any(figures['HOTA'] is None for figures in scores.classes.values()):
         say('- has no objects and no tracks')
     for note in scores.notes:

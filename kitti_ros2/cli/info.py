@@ -14,10 +14,12 @@ from ..model.streams import Clock, format_stamp
 from ..options.read import make_source_options
 from .command import JsonOption, QuietOption, argument, takes
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import Table, print_json, print_line, say, show_losses
+from .output import cell, console, plain_table, print_json, show_losses
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from rich.table import Table
 
     from ..bags.container_file import TopicSummary
     from ..model.recording import FrameOrigin
@@ -55,32 +57,33 @@ def print_overview(overview: Overview) -> None:
     """Print the overview as tables for a terminal of 80 columns."""
     from ..report.overview import MOST_SERIES, describe_rest
 
+    screen = console(soft_wrap=True)
     compression = f', compression {overview.compression}' if overview.compression else ''
     head = f'{overview.path}  {overview.kind}: {overview.name}{compression}'
-    say(head, style='bold')
-    print_line(_extent(overview))
+    screen.print(one_line(head), style='bold', markup=False)
+    screen.print(_extent(overview), markup=False)
     kind = 'stream' if overview.compression is None else 'topic'
     timed = overview.clock is not Clock.NOMINAL
-    table = Table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
-    table.add_column('frames' if kind == 'stream' else 'type', folds=True)
+    table = plain_table(kind, ('count', 'Hz', 'gap') if timed else ('count',))
+    table.add_column('frames' if kind == 'stream' else 'type', overflow='fold')
     for series in overview.series[:MOST_SERIES]:
-        kind_of = one_line(_short_type(series.msgtype))
+        kind_of = cell(_short_type(series.msgtype))
         rates = _rates(series) if timed else ()
-        table.add_row(one_line(series.name), f'{series.count}', *rates, kind_of)
-    table.show()
+        table.add_row(cell(series.name), f'{series.count}', *rates, kind_of)
+    screen.print(table, soft_wrap=False)
     if len(overview.series) > MOST_SERIES:
         rest = describe_rest([series.count for series in overview.series[MOST_SERIES:]], kind)
-        print_line(f'{rest}; all with --json')
+        screen.print(f'{rest}; all with --json', markup=False)
     if overview.cameras:
-        _camera_table(overview).show()
+        screen.print(_camera_table(overview), soft_wrap=False)
         if len(overview.cameras) > MOST_SERIES:
-            print_line(f'... and {len(overview.cameras) - MOST_SERIES:,} more; all with --json')
+            screen.print(f'... and {len(overview.cameras) - MOST_SERIES:,} more; all with --json')
     if overview.links:
-        _link_table(overview).show()
+        screen.print(_link_table(overview), soft_wrap=False)
     if overview.origins:
-        _origin_table(overview.origins).show()
+        screen.print(_origin_table(overview.origins), soft_wrap=False)
     for note in overview.notes:
-        say(f'note: {note}')
+        screen.print(one_line(f'note: {note}'), markup=False)
 
 
 def _extent(overview: Overview) -> str:
@@ -112,19 +115,19 @@ def _short_type(msgtype: str) -> str:
 def _camera_table(overview: Overview) -> Table:
     from ..report.overview import MOST_SERIES
 
-    table = Table('camera', ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'))
+    table = plain_table('camera', ('size', 'fx', 'fy', 'cx', 'cy', 'baseline m'))
     for camera in overview.cameras[:MOST_SERIES]:
         size = f'{camera.width}x{camera.height}' if camera.width else 'by image'
         name, *numbers = camera.cells()
-        table.add_row(one_line(name), size, *numbers)
+        table.add_row(cell(name), size, *numbers)
     return table
 
 
 def _origin_table(origins: Mapping[int, FrameOrigin]) -> Table:
     """Return a table of the raw drives' frames, in order of time."""
-    table = Table('frame')
+    table = plain_table('frame')
     for heading in ('drive', 'number', 'stamp UTC'):
-        table.add_column(heading, right=heading == 'number')
+        table.add_column(heading, no_wrap=True, justify='right' if heading == 'number' else 'left')
     rows = sorted(origins.items(), key=lambda row: (row[1].stamp_ns, row[0]))
     for number, origin in rows[:_MOST_FRAMES]:
         stamp = format_stamp(origin.stamp_ns)
@@ -136,7 +139,7 @@ def _origin_table(origins: Mapping[int, FrameOrigin]) -> Table:
 
 def _link_table(overview: Overview) -> Table:
     """Return a table of the static tree, each frame indented below its parent."""
-    table = Table('frame', ('x y z m', 'roll pitch yaw deg'))
+    table = plain_table('frame', ('x y z m', 'roll pitch yaw deg'))
     children: dict[str, list[LinkSummary]] = {}
     for link in overview.links:
         children.setdefault(link.parent, []).append(link)
@@ -149,7 +152,7 @@ def _link_table(overview: Overview) -> Table:
             return
         xyz = '' if link is None else ' '.join(f'{value + 0.0:.2f}' for value in link.xyz_m)
         rpy = '' if link is None else ' '.join(f'{value + 0.0:.1f}' for value in link.rpy_deg)
-        table.add_row('  ' * depth + one_line(frame), xyz, rpy)
+        table.add_row('  ' * depth + cell(frame), xyz, rpy)
         for child in children.pop(frame, []):
             add(child.child, depth + 1, child)
 

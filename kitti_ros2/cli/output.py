@@ -4,17 +4,14 @@
 
 from __future__ import annotations
 
-import os
-import re
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.util import find_spec
-from itertools import accumulate, zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from ..files.output_rules import json_text, keep_all, keep_all_but_files, losses_json
 from ..model.errors import UsageError, either, one_line
@@ -24,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rich import progress as rich_progress
+    from rich.console import Console
+    from rich.table import Table
 
     from ..model.errors import Loss
 
@@ -33,33 +32,9 @@ if TYPE_CHECKING:
 _SHOWN_LOSSES = 20
 
 
-def say(line: str, style: str = '') -> None:
-    """Print on standard output as one line of plain text, with a style on a terminal."""
-    print_line(one_line(line), style)
-
-
-def print_line(line: str, style: str = '') -> None:
-    """Print on standard output what has no line breaks, spaces as they are."""
-    sys.stdout.write(f'{_styled(line, style)}\n')
-
-
-def print_folded(text: str) -> None:
-    """Print a text in lines of the width of the terminal."""
-    for line in _fold(text, _terminal_width()):
-        print_line(line)
-
-
-_STYLES = {'bold': 1, 'dim': 2, 'red': 31, 'yellow': 33}
-"""Select Graphic Rendition (ECMA-48) by word."""
-
-
-def _styled(text: str, style: str) -> str:
-    codes = [_STYLES[word] for word in style.split()]
-    if os.environ.get('NO_COLOR'):
-        codes = [code for code in codes if code < 30]
-    if not codes or not sys.stdout.isatty() or os.environ.get('TERM') == 'dumb':
-        return text
-    return f'\x1b[{";".join(map(str, codes))}m{text}\x1b[0m'
+def say(line: str) -> None:
+    """Print on standard output as one line of plain text."""
+    sys.stdout.write(f'{one_line(line)}\n')
 
 
 def say_error(line: str) -> None:
@@ -99,113 +74,31 @@ def show_losses(losses: tuple[Loss, ...]) -> None:
 
 NONE = '-'
 """Cell of a missing figure."""
-_NARROW = 80
-_LEAST_FOLDED = 8
-"""Width of a column that folds no more, however narrow the terminal."""
 
 
-class Table:
-    """A table without lines, as wide as its cells; those that fold do so in a narrow terminal.
+def console(**rest: Any) -> Console:  # noqa: ANN401 - keywords of rich
+    """Return the terminal; names are shown as they are, also such as a:b:c."""
+    from rich.console import Console
 
-    No text is cut off: numbers that do not fit make it wider than the terminal.
-
-    Args:
-        first: Heading of the first column, of names that fold.
-        numbers: Headings of columns of numbers.
-    """
-
-    def __init__(self, first: str, numbers: Iterable[str] = ()) -> None:
-        self._columns: list[_Column] = []
-        self._rows: list[tuple[str, tuple[str, ...]]] = []
-        self.add_column(first, folds=True)
-        for heading in numbers:
-            self.add_column(heading, right=True)
-
-    @property
-    def row_count(self) -> int:
-        """Number of rows, without the headings."""
-        return len(self._rows)
-
-    def add_column(
-        self, heading: str, *, right: bool = False, folds: bool = False, widest: int = sys.maxsize
-    ) -> None:
-        """Add a column, of numbers on the right or of names that fold, and its greatest width."""
-        self._columns.append(_Column(heading, right, folds, widest))
-
-    def add_row(self, *cells: str, style: str = '') -> None:
-        """Add a row of texts without line breaks; cells at its end may be left out."""
-        self._rows.append((style, cells))
-
-    def show(self, width: int | None = None) -> None:
-        """Print it, in the width of the terminal unless another is given."""
-        rows = [('bold', tuple(column.heading for column in self._columns)), *self._rows]
-        widths = self._widths([cells for _, cells in rows], width or _terminal_width())
-        for style, cells in rows:
-            folded = [_fold(*cell) for cell in zip(cells, widths)]  # noqa: B905 - some have fewer
-            for parts in zip_longest(*folded, fillvalue=''):
-                padded = map(_pad, parts, widths, (column.right for column in self._columns))
-                print_line(' '.join(padded).rstrip(), style)
-
-    def _widths(self, rows: Sequence[tuple[str, ...]], most: int) -> list[int]:
-        texts = zip_longest(*rows, fillvalue='')
-        widths = [
-            min(column.widest, max(map(_cells_of, cells)))
-            for column, cells in zip(self._columns, texts, strict=True)
-        ]
-        while sum(widths) + len(widths) - 1 > most:
-            folding = [w * column.folds for w, column in zip(widths, self._columns, strict=True)]
-            if max(folding) <= _LEAST_FOLDED:
-                break
-            widths[folding.index(max(folding))] -= 1
-        return widths
+    return Console(highlight=False, emoji=False, **rest)
 
 
-class _Column(NamedTuple):
-    heading: str
-    right: bool
-    folds: bool
-    widest: int
+def plain_table(first: str, numbers: Iterable[str] = ()) -> Table:
+    """Return a table with a column of names and columns of numbers."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style='bold')
+    table.add_column(first, overflow='fold')
+    for heading in numbers:
+        table.add_column(heading, justify='right', no_wrap=True)
+    return table
 
 
-def _terminal_width() -> int:
-    """Return the columns of the terminal, also behind a pipe; 80 without one."""
-    asked = os.environ.get('COLUMNS', '')
-    if asked.isdecimal() and int(asked):
-        return int(asked)
-    for descriptor in range(3):
-        with suppress(OSError):
-            return os.get_terminal_size(descriptor).columns or _NARROW
-    return _NARROW
+def cell(text: str) -> str:
+    """Return a name with its markup escaped, for a table."""
+    from rich.markup import escape
 
-
-def _cells_of(text: str) -> int:
-    """Return the columns that a text takes: wide characters take two."""
-    if text.isascii():
-        return len(text)
-    from unicodedata import combining, east_asian_width
-
-    return sum(0 if combining(char) else 1 + (east_asian_width(char) in 'FW') for char in text)
-
-
-def _pad(text: str, width: int, right: bool) -> str:
-    space = ' ' * (width - _cells_of(text))
-    return space + text if right else text + space
-
-
-def _fold(text: str, width: int) -> list[str]:
-    """Return the lines of a cell, folded between words, or within one that is too long."""
-    lines, line = [], ''
-    for word in re.split(r'(?<=\s)(?=\S)', text):
-        if line.strip() and _cells_of(line + word.rstrip()) > width:
-            lines.append(line)
-            line = ''
-        line += word
-        while _cells_of(line.rstrip()) > width:
-            ends = accumulate(map(_cells_of, line))
-            count = max(1, sum(end <= width for end in ends))
-            lines.append(line[:count])
-            line = line[count:]
-    return [part.rstrip() for part in (*lines, line)]
+    return escape(one_line(text))
 
 
 def number_cell(value: float | None, digits: int = 2) -> str:

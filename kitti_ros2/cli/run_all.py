@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from ..batch.collection import Progress
 from ..batch.jobs import FolderSearch, refuse_within
 from ..batch.manifest import DONE, FAILED, MANIFEST
-from ..model.errors import UsageError, format_bytes, format_count, format_duration, one_line
+from ..model.errors import UsageError, format_bytes, format_count, format_duration
 from .exits import EXIT_LOSSES, EXIT_OK
-from .output import Table, format_path, print_json, say, say_error
+from .output import cell, console, format_path, plain_table, print_json, say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -41,7 +41,7 @@ def collection_progress(jobs: int, *, show: bool) -> Iterator[Progress]:
     from rich.progress import Progress as Bars
 
     columns = (
-        TextColumn('{task.description}'),
+        TextColumn('{task.description}', markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
@@ -110,16 +110,16 @@ def print_groups(groups: Mapping[str, Sequence[JobRecord]], command: str) -> Non
     """Print a row of sums for each group of jobs of a command."""
     counted = _COUNTED.get(command, _FRAMES)
     headings = [_HEADINGS.get(name, name) for name in counted]
-    table = Table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
+    table = plain_table('units', ['count', *headings, _BAD.get(command, _SKIPPED)[1]])
     for name, records in groups.items():
         sums = {key: sum(record.counts.get(key, 0) for record in records) for key in counted}
         table.add_row(
-            one_line(name),
+            cell(name),
             f'{len(records):,}',
             *(format_bytes(n) if key == 'bytes' else f'{n:,}' for key, n in sums.items()),
             f'{sum(record.bad for record in records):,}',
         )
-    table.show()
+    console().print(table)
 
 
 def print_failures(records: Sequence[JobRecord], command: str) -> None:

@@ -17,7 +17,7 @@ from ..model.errors import UsageError, not_one_of
 from ..options.table import make_settings
 from .command import JsonOption, OverwriteOption, QuietOption, takes
 from .exits import EXIT_OK
-from .output import Table, format_path, print_json, say, say_error
+from .output import cell, console, format_path, plain_table, print_json, say, say_error
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -64,12 +64,12 @@ def _list(*, json: bool, quiet: bool) -> None:
         return
     if quiet:
         return
-    table = Table('stack')
+    table = plain_table('stack')
     for heading in ('does', 'points', 'Imu', 'read at'):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=True)
     for stack in STACKS.values():
-        table.add_row(stack.name, stack.what, stack.points, stack.imu, stack.version)
-    table.show(_COLUMNS)
+        table.add_row(*map(cell, (stack.name, stack.what, stack.points, stack.imu, stack.version)))
+    console(width=_COLUMNS).print(table)
 
 
 def _show(stack: Stack) -> None:

@@ -13,11 +13,13 @@ from ..datasets.set_statistics import StatisticsRow
 from ..files.output_rules import keep_all_but_files
 from ..model.boxes import DONT_CARE, OCCLUSIONS
 from ..model.errors import format_count, one_line
-from .output import Table, print_folded, print_line, say
+from .output import cell, console, plain_table, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
+
+    from rich.table import Table
 
     from ..datasets.recording_statistics import (
         Distribution,
@@ -99,10 +101,10 @@ def tables_of(statistics: SetStatistics) -> Iterator[Table]:
 def _recordings(statistics: SetStatistics) -> Table:
     moving = statistics.total.route is not None
     head = ('m', 's', 'm/s', 'deg/s') if moving else ()
-    table = Table('recording', ('frames', 'objects', *head))
+    table = plain_table('recording', ('frames', 'objects', *head))
     shown = statistics.recordings[:MOST_RECORDINGS]
     for part in (*shown, statistics.total):
-        name = one_line(part.name) or 'all'
+        name = cell(part.name) or 'all'
         if part is statistics.total and len(shown) < len(statistics.recordings):
             rest = f'... and {len(statistics.recordings) - len(shown)} more, see --csv and --json'
             table.add_row(rest)
@@ -126,20 +128,20 @@ def _route_cells(part: RecordingStatistics) -> tuple[str, ...]:
 def _classes(total: RecordingStatistics) -> Table:
     rated = any(objects.difficulty.total() for objects in total.classes.values())
     levels = DIFFICULTIES if rated else ()
-    table = Table('class', ('objects', 'share', 'frames', 'most', *levels))
+    table = plain_table('class', ('objects', 'share', 'frames', 'most', *levels))
     for name, objects in total.classes.items():
         share = '' if name == DONT_CARE else f'{objects.count / total.objects:.1%}'
         counts = _counts(objects.difficulty, levels)
         figures = f'{objects.count}', share, f'{objects.frames}', f'{objects.most}'
-        table.add_row(one_line(name), *figures, *counts)
+        table.add_row(cell(name), *figures, *counts)
     return table
 
 
 def _visibility(classes: Mapping[str, ObjectStatistics]) -> Table:
-    table = Table('occlusion', (*_OCCLUSIONS, *_TRUNCATIONS))
+    table = plain_table('occlusion', (*_OCCLUSIONS, *_TRUNCATIONS))
     for name, objects in classes.items():
         counts = _counts(objects.occlusion, OCCLUSIONS) + _counts(objects.truncation, TRUNCATIONS)
-        table.add_row(one_line(name), *counts)
+        table.add_row(cell(name), *counts)
     return table
 
 
@@ -153,12 +155,12 @@ def _distances(classes: Mapping[str, ObjectStatistics]) -> Table:
     bins = [
         f'{low:g}-{high:g}' if high < inf else f'{low:g}+' for low, high in pairwise(_DISTANCES_M)
     ]
-    table = Table('distance m', ('mean', 'max', *bins))
+    table = plain_table('distance m', ('mean', 'max', *bins))
     for name, objects in classes.items():
         distances_m = objects.distance_m
         inside = [f'{_within(distances_m, *pair)}' for pair in pairwise(_DISTANCES_M)]
         cells = [number(distances_m.mean), number(distances_m.greatest), *inside]
-        table.add_row(one_line(name), *(cells if distances_m.count else ()))
+        table.add_row(cell(name), *(cells if distances_m.count else ()))
     return table
 
 
@@ -172,32 +174,32 @@ def _within(values: Distribution, low: float, high: float) -> int:
 def _boxes(classes: Mapping[str, ObjectStatistics]) -> Table:
     counted = any(objects.points.count for objects in classes.values())
     points = ('points', 'most', 'no point') if counted else ()
-    table = Table('box m', ('length', 'width', 'height', *points))
+    table = plain_table('box m', ('length', 'width', 'height', *points))
     for name, objects in classes.items():
         sizes = [spread(size_m) for size_m in (objects.length_m, objects.width_m, objects.height_m)]
         inside = objects.points
         cells = ['', '', '']
         if inside.count:
             cells = [f'{inside.mean:.0f}', f'{inside.greatest:.0f}', f'{inside.counts[0]}']
-        table.add_row(one_line(name), *sizes, *(cells if counted else ()))
+        table.add_row(cell(name), *sizes, *(cells if counted else ()))
     return table
 
 
 def _tracks(classes: Mapping[str, ObjectStatistics]) -> Table:
-    table = Table('track frames', ('tracks', 'mean', 'least', 'most'))
+    table = plain_table('track frames', ('tracks', 'mean', 'least', 'most'))
     for name, objects in classes.items():
         tracks = objects.tracks
         if tracks.count:
             extremes = f'{tracks.least:.0f}', f'{tracks.greatest:.0f}'
-            table.add_row(one_line(name), f'{tracks.count}', number(tracks.mean), *extremes)
+            table.add_row(cell(name), f'{tracks.count}', number(tracks.mean), *extremes)
     return table
 
 
 def _point_classes(total: RecordingStatistics) -> Table:
-    table = Table('points of class', ('points', 'share'))
+    table = plain_table('points of class', ('points', 'share'))
     every = sum(total.point_classes.values())
     for name, count in total.point_classes.items():
-        table.add_row(one_line(name), f'{count}', f'{count / every:.2%}')
+        table.add_row(cell(name), f'{count}', f'{count / every:.2%}')
     return table
 
 
@@ -249,9 +251,9 @@ def titles_of(paths: Sequence[Path]) -> list[str]:
 def _comparison(
     titles: Sequence[str], totals: Sequence[RecordingStatistics], sets: Sequence[SetStatistics]
 ) -> Table:
-    table = Table('', [])
+    table = plain_table('', [])
     for title in titles:
-        table.add_column(one_line(title), right=True, folds=True, widest=_TITLE)
+        table.add_column(cell(title), justify='right', overflow='fold', max_width=_TITLE)
     rows = [('recordings', [f'{len(data_set.recordings)}' for data_set in sets])]
     for title, section in (('', rows + _recording_rows(totals)), *_sections(totals)):
         filled = [(name, cells) for name, cells in section if any(cells)]
@@ -259,7 +261,7 @@ def _comparison(
             table.add_row('')
             table.add_row(title, style='bold')
         for name, cells in filled:
-            table.add_row(one_line(name), *cells)
+            table.add_row(cell(name), *cells)
     return table
 
 
@@ -362,19 +364,20 @@ KEEP_ALL_BUT_TABLES = keep_all_but_files(
 
 def print_sets(sets: Sequence[SetStatistics], *, points: bool) -> None:
     """Print tables for a terminal of 80 columns."""
+    screen = console(soft_wrap=True)
     if len(sets) == 1:
         (statistics,) = sets
-        print_line(describe(statistics), style='bold')
+        screen.print(describe(statistics), style='bold', markup=False)
         for line in (describe_sensors(statistics.total), describe_route(statistics.total)):
             if line:
-                print_folded(line)
+                screen.print(line, markup=False, soft_wrap=False)
         shown = tables_of(statistics)
     else:
         shown = comparisons(sets)
     for index, table in enumerate(shown):
         if index or len(sets) == 1:
-            say('')
-        table.show()
+            screen.print()
+        screen.print(table, soft_wrap=False)
     for data_set in sets:
         if points and not data_set.total.points_a_scan.count:
             say(f'note: {data_set.path}: no scans, so no points are counted')

@@ -23,9 +23,11 @@ from ..options.table import make_import_options, split_batch_options
 from .command import JsonOption, QuietOption, takes
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
-    Table,
+    cell,
+    console,
     conversion_progress,
     format_path,
+    plain_table,
     print_json,
     print_result,
     report_values,
@@ -35,6 +37,8 @@ from .output import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from rich.table import Table
 
     from ..bags.bag_files import OpenBag
     from ..importer.apply_plan import PlannedTopic, PlanOverview
@@ -62,8 +66,9 @@ def print_plan(names: str, proposal: PlanProposal, overview: PlanOverview) -> No
         proposal: The plan and how it was made.
         overview: Streams, topics and faults by the plan.
     """
-    say(f'{names}: {_head(proposal, overview)}', style='bold')
-    _topic_table(overview).show()
+    screen = console(soft_wrap=True)
+    screen.print(one_line(f'{names}: {_head(proposal, overview)}'), style='bold', markup=False)
+    screen.print(_topic_table(overview), soft_wrap=False)
     if overview.unused:
         say(f'{_UNUSED}: passed over in this layout')
 
@@ -78,12 +83,12 @@ def _head(proposal: PlanProposal, overview: PlanOverview) -> str:
 
 
 def _topic_table(overview: PlanOverview) -> Table:
-    table = Table('stream', ())
-    table.add_column('topic', folds=True)
-    table.add_column('type', folds=True)
-    table.add_column('count', right=True)
-    table.add_column('Hz', right=True)
-    table.add_column('frame', folds=True)
+    table = plain_table('stream', ())
+    table.add_column('topic', overflow='fold')
+    table.add_column('type', overflow='fold')
+    table.add_column('count', justify='right', no_wrap=True)
+    table.add_column('Hz', justify='right', no_wrap=True)
+    table.add_column('frame', overflow='fold')
     for topic in overview.used:
         _add(table, ' '.join(_SHORT.get(name, name) for name in topic.streams), topic)
     for topic in overview.unused[:_MOST_UNUSED]:
@@ -97,9 +102,7 @@ def _topic_table(overview: PlanOverview) -> Table:
 def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
     rate = '' if topic.rate_hz is None else f'{topic.rate_hz:.1f}'
     kind = topic.msgtype.rsplit('/', 1)[-1]
-    table.add_row(
-        stream, one_line(topic.topic), one_line(kind), f'{topic.count}', rate, one_line(topic.frame)
-    )
+    table.add_row(stream, cell(topic.topic), cell(kind), f'{topic.count}', rate, cell(topic.frame))
 
 
 def print_notes(proposal: PlanProposal, overview: PlanOverview) -> None:
@@ -109,12 +112,12 @@ def print_notes(proposal: PlanProposal, overview: PlanOverview) -> None:
     for note in _joined(dict.fromkeys((*proposal.notes, *overview.notes))):
         say(f'note: {note}')
     if proposal.layouts:
-        table = Table('layout')
-        table.add_column('streams', folds=True)
+        table = plain_table('layout')
+        table.add_column('streams', overflow='fold')
         for layout, streams in proposal.layouts.items():
             shown = ' (shown)' if layout is proposal.plan.layout else ''
             table.add_row(layout.value + shown, ' '.join(streams))
-        table.show()
+        console().print(table)
 
 
 def _joined(notes: Iterable[str]) -> Iterator[str]:

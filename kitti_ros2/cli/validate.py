@@ -7,7 +7,7 @@ from __future__ import annotations
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 
@@ -19,11 +19,10 @@ from .command import AllOverwriteOption, JsonOption, QuietOption, out_option, ta
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import (
     ResultOutput,
+    console,
     format_path,
     print_json,
-    print_line,
     refuse_files,
-    say,
     say_error,
     step_progress,
 )
@@ -67,35 +66,37 @@ def _run_all(
 
 def _print_report(report: ValidationReport, elapsed: float) -> None:
     """Print sources, and the findings by rule, for a terminal of 80 columns."""
+    screen = console(soft_wrap=True)
     for source in report.sources[:_SHOWN_SOURCES]:
         noun = 'message' if source.is_bag else 'frame'
         parts = [format_count(source.count, noun), format_count(source.files, 'file')]
         line = f'{format_path(source.path)}  {source.kind}: {", ".join(parts)}'
-        say(line, style='bold')
+        screen.print(one_line(line), style='bold', markup=False)
     if len(report.sources) > _SHOWN_SOURCES:
-        print_line(f'... and {len(report.sources) - _SHOWN_SOURCES} more')
+        screen.print(f'... and {len(report.sources) - _SHOWN_SOURCES} more', markup=False)
     for group in report.rules:
-        say('')
-        _print_group(group)
-    say('')
+        screen.print()
+        _print_group(screen, group)
+    screen.print()
     size = sum(source.size_bytes for source in report.sources)
     files = sum(source.files for source in report.sources)
-    print_line(
+    screen.print(
         f'{_count(report)} in {format_count(files, "file")}, {format_bytes(size)};'
         f' took {elapsed:.1f} s ({size / elapsed / 1e6:.0f} MB/s)',
+        markup=False,
     )
 
 
-def _print_group(group: RuleFindings) -> None:
+def _print_group(screen: Any, group: RuleFindings) -> None:  # noqa: ANN401 - rich's console
     head = f'{group.severity} {group.rule} ({group.count:,}): {group.checks}'
-    say(head, style=_STYLES[group.severity])
+    screen.print(one_line(head), style=_STYLES[group.severity], markup=False)
     for finding in group.findings[:_SHOWN_PER_RULE]:
         line = '' if finding.line is None else f':{finding.line}'
         location = f'{format_path(finding.path)}{line}'
-        print_line('  ' + one_line(f'{location}: {finding.message}'))
+        screen.print('  ' + one_line(f'{location}: {finding.message}'), markup=False)
     if group.count > _SHOWN_PER_RULE:
-        print_line(f'  ... and {group.count - _SHOWN_PER_RULE:,} more')
-    print_line(f'  -> {group.remedy}')
+        screen.print(f'  ... and {group.count - _SHOWN_PER_RULE:,} more', markup=False)
+    screen.print(f'  -> {group.remedy}', markup=False)
 
 
 def _print_errors(report: ValidationReport) -> None:
