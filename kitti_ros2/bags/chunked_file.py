@@ -474,14 +474,9 @@ class ChunkedFile(BagFile, Generic[Head]):
         messages = indexed_messages(indexed, chunk, records_at or 0)
         requested = (m for m in messages if wanted.takes(m.stamp_ns, m.channel_id))
         selected = sorted(requested)
-        size = sum(
-            START_BYTES
-            if message.end - message.position >= LARGE
-            and self.is_start_enough is not None
-            and self.is_start_enough(message.channel_id)
-            else message.end - message.position
-            for message in selected
-        )
+        most = START_BYTES if self.is_start_enough is not None else chunk.length
+        sizes = (message.end - message.position for message in selected)
+        size = sum(min(size, most) if size >= LARGE else size for size in sizes)
         return selected if messages and 2 * size <= chunk.length else None
 
     def _message(self, message: IndexedMessage, start: StartOfMessage) -> FoundMessage:

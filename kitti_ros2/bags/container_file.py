@@ -515,8 +515,7 @@ class BagFile(ABC):
             messages are read at the offsets in the file's index where that takes fewer bytes.
         compressions: Names of the compressions of chunks found so far, including none.
         is_start_enough: Asked with the id of a channel before a large message is read: whether its
-            MessageStart is enough; also ahead, to choose how to read a chunk. A file may give the
-            whole message all the same.
+            MessageStart is enough. A file may give the whole message all the same.
         fetches: Whether any thread may fetch chunks.
         attachments: Number of attachments, which are not read, as far as it is known.
     """

@@ -352,9 +352,7 @@ class BagMessages:
         """Let the MessageStart of a large message do, where files save work by it.
 
         Args:
-            is_enough: Asked with a topic before a message of it is read, which in databases may be
-                before the message before it is yielded if a topic is in several files. It is also
-                asked some messages ahead, without effect on what is yielded.
+            is_enough: Asked with a topic before a message of it is read.
         """
         cdr_topics: list[dict[int, str]] = [{} for _ in self._files]
         for reading in self._readings.values():
