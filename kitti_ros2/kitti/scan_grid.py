@@ -251,30 +251,31 @@ def moves_back(axes: Axes, twist: Float64Array, end: float | None = None) -> Axe
     The unknown is the part s of a turn, by two steps of Newton's method: the first in the plane,
     where the angle between file and p is arctan(s c / (1 - s d)) - s e, the second with p itself.
     """
-    x, y, z = axes
-    vx, vy, _, wx, wy, wz = twist.tolist()
-    velocity = twist[:3, None].astype(axes.dtype)
-    file_parts = _parts(axes)
-    if end is not None:
-        file_parts += np.rint(end - file_parts)
-    file_parts = file_parts.astype(axes.dtype, copy=False)
-    far = 1 / (x * x + y * y)
-    across, along = (y * vx - x * vy) * far, 1 - file_parts * ((x * vx + y * vy) * far)
-    turning = wz - (x * wx + y * wy) * z * far
-    tangent = file_parts * across / along
-    slope = across / (along * along * (1 + tangent * tangent)) - turning
-    slope /= 2 * np.pi
-    slope += 1
-    parts = (_arctan(tangent) - file_parts * turning) / slope
-    parts /= -2 * np.pi
-    parts += file_parts
-    moves: Axes = -velocity * parts
-    moves += _turns(axes + moves, -parts, twist[3:])
-    px, py, _ = before = axes + moves
-    off = file_parts - _arctan((x * py - y * px) / (x * px + y * py)) / (2 * np.pi) - parts
-    off /= slope
-    moves -= off * (_cross(twist[3:], before) + velocity)
-    return moves
+    with np.errstate(divide='ignore', invalid='ignore'):  # points on the axis have no direction
+        x, y, z = axes
+        vx, vy, _, wx, wy, wz = twist.tolist()
+        velocity = twist[:3, None].astype(axes.dtype)
+        file_parts = _parts(axes)
+        if end is not None:
+            file_parts += np.rint(end - file_parts)
+        file_parts = file_parts.astype(axes.dtype, copy=False)
+        far = 1 / (x * x + y * y)
+        across, along = (y * vx - x * vy) * far, 1 - file_parts * ((x * vx + y * vy) * far)
+        turning = wz - (x * wx + y * wy) * z * far
+        tangent = file_parts * across / along
+        slope = across / (along * along * (1 + tangent * tangent)) - turning
+        slope /= 2 * np.pi
+        slope += 1
+        parts = (_arctan(tangent) - file_parts * turning) / slope
+        parts /= -2 * np.pi
+        parts += file_parts
+        moves: Axes = -velocity * parts
+        moves += _turns(axes + moves, -parts, twist[3:])
+        px, py, _ = before = axes + moves
+        off = file_parts - _arctan((x * py - y * px) / (x * px + y * py)) / (2 * np.pi) - parts
+        off /= slope
+        moves -= off * (_cross(twist[3:], before) + velocity)
+        return moves
 
 
 def _turns(axes: Axes, parts: Axes, rotation: Float64Array) -> Axes:
@@ -351,8 +352,8 @@ def find_twist(points: Float32Array) -> Float64Array | None:
     some = points[:: 1 + len(points) // _FEW_POINTS, :3]
     ahead = points[_is_ahead(points, _AHEAD), :3].astype(np.float64)
     few = ahead[:: 1 + _SHARE_AHEAD * len(ahead) // _FEW_POINTS]
-    sample = np.concatenate([few, some])
-    return next(_twists(sample[np.isfinite(sample).all(axis=1)], _starts(ahead)), None)
+    sample = _with_azimuth(np.concatenate([few, some]))
+    return next(_twists(sample, _starts(ahead)), None)
 
 
 def _starts(ahead: Float64Array) -> Iterator[Float64Array]:
@@ -394,15 +395,22 @@ def _measured_on_grid(file: Float64Array, twist: Float64Array) -> Float64Array:
         other = measured(file[off], twist, end)
         fits = _is_on_grid(other)
         before[off[fits]] = other[fits]
+    axis = ~file[:, :2].any(axis=1)
+    before[axis] = file[axis]
     return before
 
 
 def _sample(file: Float64Array) -> Float64Array:
     """Return the points that a twist is fitted to: those straight ahead, and some of the others."""
-    finite = file[np.isfinite(file).all(axis=1)]
+    finite = _with_azimuth(file)
     ahead = np.abs(_parts(finite.T)) < _AHEAD
     others = finite[~ahead]
     return np.concatenate([finite[ahead], others[:: 1 + len(others) // _MOST_POINTS]])
+
+
+def _with_azimuth(points: Float64Array) -> Float64Array:
+    """Return the points that are finite and off the axis of the scanner, such as no 0 0 0."""
+    return points[np.isfinite(points).all(axis=1) & points[:, :2].any(axis=1)]
 
 
 def _fit(file: Float64Array, start: Float64Array) -> Float64Array:

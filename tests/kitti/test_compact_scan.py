@@ -100,6 +100,19 @@ def test_compensated_scans_are_those_of_the_grid(name):
     assert len(scan.rest.exceptions.indices) < 0.01 * points.size
 
 
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('name', TWISTS)
+def test_odd_values_among_compensated_ones_come_back_without_a_warning(name):
+    """Points on the axis of the scanner, signs of zeros, denormals, NaN and its payloads."""
+    random, xyz = np.random.default_rng(3), moved(street(1), TWISTS[name])
+    points = np.column_stack([xyz, scan_on_grid(len(xyz))[:, 3]]).astype('<f4')
+    small = np.concatenate([ODD[~(np.abs(ODD) > 1000)], PAYLOAD[:2]])
+    points.reshape(-1)[random.integers(0, points.size, 400)] = random.choice(small, 400)
+    points[random.integers(0, len(points), 50), :2] = 0
+    points[random.integers(0, len(points), 50)] = 0
+    assert assert_same(points).multiples is not None
+
+
 def test_other_points_do_not_pass_for_those_of_a_file():
     points = scan_on_grid(500)
     rest = compact(points).rest

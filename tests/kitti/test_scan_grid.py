@@ -34,6 +34,18 @@ def test_a_scan_comes_back_to_the_grid_without_poses(name):
     assert (moved(found.xyz, found.twist) == file).all(axis=1).mean() > 0.99
 
 
+def test_points_on_the_axis_of_the_scanner_stay():
+    """They have no azimuth, which would tell when they were measured; others find the twist."""
+    file = moved(street(1), TWISTS['left bend'])
+    file[::500] = 0
+    file[1::500, :2] = 0
+    found = find_measured(file)
+    assert found is not None
+    for first in (0, 1):
+        np.testing.assert_array_equal(found.xyz[first::500, :2], 0)
+    assert (found.xyz[2::500] == street(1)[2::500]).all(axis=1).mean() > 0.999
+
+
 def test_a_start_far_off_does_no_harm():
     file = moved(street(2), TWISTS['straight'])
     near = find_measured(file, np.array(TWISTS['straight']))
