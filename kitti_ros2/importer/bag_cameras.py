@@ -42,7 +42,7 @@ from ..messages.videos import (
     scaled_to_odd,
 )
 from ..model import bag_formats as types
-from ..model.errors import BadFileError, MissingDataError, UsageError
+from ..model.errors import BadFileError, MissingDataError, UsageError, format_count
 from ..model.streams import CAMERA_NAMES, GREY_CAMERAS, PngForm
 from .plan import X_FORWARD, CameraPlan
 from .survey import topic_of
@@ -796,6 +796,10 @@ def other_cameras(plan: Plan, survey: Survey) -> tuple[list[CameraModel], list[L
 _DEPTH_BYTE = 24
 """The offset of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""
 _USUAL_BITS = 8
+_AS_PNG = 'PNG'
+_ENCODED_ANEW = (
+    "PNG of another form than KITTI's, and are encoded anew; --png fast keeps their bytes"
+)
 
 
 class ImageConversion:
@@ -827,7 +831,7 @@ class ImageConversion:
         self._videos = _videos(plan, survey)
         self._video_notes = video_notes(plan, survey)
         self._deep: Counter[int] = Counter()
-        self._lossy: Counter[tuple[int, str]] = Counter()
+        self._encoded: Counter[tuple[int, str]] = Counter()
         self._scaled: Counter[int] = Counter()
         self._lock = Lock()
         self._sizes = _sizes(plan, survey) | {index: model.size for index, model in models.items()}
@@ -863,8 +867,8 @@ class ImageConversion:
         if pixels.dtype.itemsize > 1:
             self._count_deep(camera)
         if form is PngForm.KITTI:
-            if compressed and own is None:
-                self._count_lossy(camera, picture_kind(message))
+            if compressed:
+                self._count_encoded(camera, picture_kind(message) if own is None else _AS_PNG)
             if camera in GREY_CAMERAS:
                 pixels = as_grey(pixels, most_tint=0)
         return encode_png(pixels, form)
@@ -892,11 +896,10 @@ class ImageConversion:
             f" KITTI's have 8"
             for camera, count in sorted(self._deep.items())
         ]
-        notes += [
-            f'{self._topics[camera]}: {count} images are decoded from {kind}, so their pixels are'
-            f" not KITTI's own"
-            for (camera, kind), count in sorted(self._lossy.items())
-        ]
+        for (camera, kind), count in sorted(self._encoded.items()):
+            how = f"decoded from {kind}: not KITTI's own pixels"
+            how = _ENCODED_ANEW if kind == _AS_PNG else how
+            notes.append(f'{self._topics[camera]}: {format_count(count, "image")} {how}')
         for camera, count in sorted(self._scaled.items()):
             width, height = self._sizes[camera]
             notes.append(
@@ -915,10 +918,11 @@ class ImageConversion:
             self._scaled[camera] += 1
         return scaled
 
-    def _count_lossy(self, camera: int, kind: str) -> None:
-        if kind in LOSSY:
+    def _count_encoded(self, camera: int, kind: str) -> None:
+        """Count an image of KITTI's form that was a picture of another kind, or another PNG."""
+        if kind in LOSSY or kind == _AS_PNG:
             with self._lock:
-                self._lossy[camera, kind] += 1
+                self._encoded[camera, kind] += 1
 
     def _count_deep(self, camera: int) -> None:
         with self._lock:
