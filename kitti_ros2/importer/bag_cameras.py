@@ -797,9 +797,7 @@ _DEPTH_BYTE = 24
 """The offset of the bits a channel in a PNG: the signature, the head of IHDR, width and height."""
 _USUAL_BITS = 8
 _AS_PNG = 'PNG'
-_ENCODED_ANEW = (
-    "PNG of another form than KITTI's, and are encoded anew; --png fast keeps their bytes"
-)
+_ENCODED_ANEW = "encoded anew, from PNG that are not in KITTI's form; --png fast keeps their bytes"
 
 
 class ImageConversion:
@@ -867,11 +865,14 @@ class ImageConversion:
         if pixels.dtype.itemsize > 1:
             self._count_deep(camera)
         if form is PngForm.KITTI:
-            if compressed:
-                self._count_encoded(camera, picture_kind(message) if own is None else _AS_PNG)
+            if compressed and own is None:
+                self._count_encoded(camera, picture_kind(message))
             if camera in GREY_CAMERAS:
                 pixels = as_grey(pixels, most_tint=0)
-        return encode_png(pixels, form)
+        png = encode_png(pixels, form)
+        if own not in (None, png):
+            self._count_encoded(camera, _AS_PNG)
+        return png
 
     def pixels(self, camera: int, message: Any) -> Pixels:  # noqa: ANN401 - of the bag's types
         """Decode an Image or CompressedImage, rectified where the plan requests it.
