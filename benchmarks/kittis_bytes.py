@@ -7,7 +7,7 @@
 
 FOLDER is that of real samples: raw drives 0005 (frame 0) and 0052 (8 frames), object, odometry.
 Sizes are those of one copy of each real file. Times are CPU seconds, least of N by turns; that of
-images beside bare zlib is in to_kitti.py.
+images beside bare zlib is printed by python -m benchmarks.
 """
 
 from __future__ import annotations

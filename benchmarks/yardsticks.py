@@ -1,22 +1,18 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the benchmarks share: arguments, timed runs, cp -r, the command as a process, a report."""
+"""What the benchmarks share: arguments, a clock, fresh outputs, a line of the report."""
 
 from __future__ import annotations
 
 import argparse
 import itertools
 import os
-import subprocess
 import sys
 import tempfile
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from kitti_ros2.kitti.opening import open_recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -25,54 +21,11 @@ _ASIDE = itertools.count()
 COMMAND = (sys.executable, '-m', 'kitti_ros2')
 
 
-@dataclass(frozen=True)
-class Run:
-    """One timed run: seconds, and the bytes it wrote."""
-
-    seconds: float
-    size_bytes: int
-
-    @property
-    def rate(self) -> float:
-        """Bytes per second."""
-        return self.size_bytes / self.seconds
-
-
-class Drive:
-    """A drive, and the folder for what is made of it."""
-
-    def __init__(self, src: Path, folder: Path) -> None:
-        self.src = src
-        self.folder = folder
-        self.recording = open_recording(src)
-        self.pngs = sorted(
-            str(path)
-            for path in self.recording.root.rglob('*.png')
-            if self.recording.name in path.parts
-        )
-
-    def copy(self, *, to_disk: bool = False) -> Run:
-        """Copy the drive with its calibration, by cp -r."""
-        out = self.folder / 'copy'
-        command = ['cp', '-r', str(self.recording.root), str(out)]
-        return timed(out, lambda: subprocess.run(command, check=True), to_disk=to_disk)
-
-
 def make_parser(description: str | None) -> argparse.ArgumentParser:
     """The command line of a benchmark, without arguments."""
     return argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawTextHelpFormatter
     )
-
-
-def parse_arguments(description: str | None) -> argparse.Namespace:
-    """The command line of a benchmark: src, long, repeat and dir."""
-    parser = make_parser(description)
-    parser.add_argument('src', type=Path)
-    parser.add_argument('--long', type=Path, help='a longer drive, for the growth of memory')
-    parser.add_argument('--repeat', type=int, default=9)
-    parser.add_argument('--dir', type=Path, help='where to write; on the disk of SRC by default')
-    return parser.parse_args()
 
 
 @contextmanager
@@ -96,21 +49,6 @@ def seconds(work: Callable[[], object]) -> float:
     started = time.perf_counter()
     work()
     return time.perf_counter() - started
-
-
-def timed(out: Path, work: Callable[[], object], *, to_disk: bool = False) -> Run:
-    """Time work, which makes out; to_disk counts until that is on the disk. It is removed then."""
-
-    def whole() -> None:
-        work()
-        if to_disk:
-            os.sync()
-
-    fresh(out)
-    os.sync()  # what an earlier run left to be written is not this one's burden
-    run = Run(seconds(whole), tree_bytes(out))
-    fresh(out)
-    return run
 
 
 def tree_bytes(folder: Path) -> int:
@@ -137,38 +75,6 @@ def fresh(path: Path) -> Path:
     return path
 
 
-def process(out: Path, *words: str, to_disk: bool = False) -> tuple[Run, float]:
-    """A command of kitti-ros2 that makes out, start included; also its peak memory in MB."""
-    peak = 0.0
-
-    def work() -> None:
-        nonlocal peak
-        peak = peak_mb(*words)
-
-    return timed(out, work, to_disk=to_disk), peak
-
-
-def peak_mb(*words: str) -> float:
-    """Run a command of kitti-ros2, and return its peak memory in MB."""
-    child = os.posix_spawn(COMMAND[0], [*COMMAND, *words], os.environ)
-    _, status, usage = os.wait4(child, 0)
-    if os.waitstatus_to_exitcode(status):
-        raise SystemExit(f'{" ".join(words)} failed')
-    return usage.ru_maxrss / 1000
-
-
-def measure_memory(
-    src: Path, longer: Path | None, bound: str, peak_mb: Callable[[Path, str], float]
-) -> None:
-    """Peak of a whole process, by drive and images, and whether a longer drive needs more."""
-    for images in ('compressed', 'raw'):
-        peak = peak_mb(src, images)
-        report(f'peak memory, {images} images, MB', peak, bound, src.name)
-        if longer is not None:
-            grown = peak_mb(longer, images)
-            report(f'the longer drive, {images} / this', grown / peak, '<= 1.1', f'{grown:.0f} MB')
-
-
 def report(name: str, value: float, bound: str, note: str = '') -> None:
-    """One line."""
-    print(f'{name:<46}{value:8.2f}   {bound:<10} {note}', flush=True)
+    """One line, a row of a table in Markdown as well."""
+    print(f'| {name:<46} | {value:8.2f} | {bound:<10} | {note} |', flush=True)
