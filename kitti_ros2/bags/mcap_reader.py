@@ -485,6 +485,8 @@ class McapFile(ChunkedFile[int]):
         indexed = {}
         for opcode, at, end in split_records(block):
             if opcode == Opcode.MESSAGE_INDEX:
+                if end - at < INDEX_BODY.size:
+                    raise ValueError('a message index is cut')
                 channel_id, size = INDEX_BODY.unpack_from(block, at)
                 entries = np.frombuffer(block[at + INDEX_BODY.size : end], '<u8')
                 indexed[channel_id] = entries[: size // 16 * 2].reshape(-1, 2)

@@ -10,15 +10,16 @@ import struct
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_typestore
 
 from kitti_ros2.bags.bag_files import OpenBag
 from kitti_ros2.bags.container_file import FileBytes, MessageStart, size_of
-from kitti_ros2.bags.reader import open_messages
+from kitti_ros2.bags.reader import bag_stamps, open_messages
 from kitti_ros2.bags.ros1_bag import INDEX, opcode_of, split_record
 from kitti_ros2.messages.cdr import peek_header
 from kitti_ros2.model.bag_formats import HEADER
@@ -27,7 +28,13 @@ START_NS = 10**18
 TEXT, BYTES = 'std_msgs/msg/String', 'std_msgs/msg/UInt8MultiArray'
 TYPES = {'/large': BYTES, '/small': TEXT, '/rare': TEXT}
 CHUNK_BYTES = 500_000
-KINDS = {'mcap': 'bag.mcap', 'mcap-zstd': 'bag.mcap', 'ros1': 'bag.bag', 'ros1-lz4': 'bag.bag'}
+KINDS = {
+    'mcap': 'bag.mcap',
+    'mcap-zstd': 'bag.mcap',
+    'mcap-unindexed': 'bag.mcap',
+    'ros1': 'bag.bag',
+    'ros1-lz4': 'bag.bag',
+}
 INDEXED = ('mcap', 'ros1')
 START_OF_RECORDS = 49  # of an MCAP chunk that is not compressed
 
@@ -65,8 +72,9 @@ def write(path, kind):
         return path
     store = get_typestore(Stores.ROS2_JAZZY)
     with path.open('wb') as file:
-        name = (compression or 'none').upper()
-        mcap = McapWriter(file, chunk_size=CHUNK_BYTES, compression=CompressionType[name])
+        zstd = CompressionType.ZSTD if compression == 'zstd' else CompressionType.NONE
+        index = IndexType.CHUNK if compression == 'unindexed' else IndexType.ALL
+        mcap = McapWriter(file, chunk_size=CHUNK_BYTES, compression=zstd, index_types=index)
         mcap.start('ros2', 'test')
         ids = {}
         for topic, msgtype in TYPES.items():
@@ -235,6 +243,19 @@ def test_an_entry_given_twice_is_noticed(plain):
     first, second = entry(plain)[0], entry(plain, index=1)[0]
     patch(plain, second, plain.read_bytes()[first : first + size])
     assert read(plain, {'/small'}) == read(plain, {'/small'}, whole=True) == expected
+
+
+def test_an_index_without_an_entry_is_noticed(tmp_path):
+    path = write(tmp_path / 'bag.mcap', 'mcap')
+    expected = read(path, {'/small'}, whole=True)
+    with path.open('rb') as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[1]
+    end = chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
+    last = max(chunk.message_index_offsets.values())
+    patch(path, last, struct.pack('<BQ', 0x80, end - last - 20))
+    patch(path, end - 11, struct.pack('<BQH', Opcode.MESSAGE_INDEX, 2, 1))
+    assert read(path, {'/small'}) == expected
+    assert bag_stamps(path)
 
 
 def test_another_stamp_is_noticed(plain):
