@@ -5,7 +5,7 @@
 
     python benchmarks/play_processes.py ROLE WORD...
 
-player SRC VALUES, bare SRC PACE TOPIC..., timer SECONDS, subscriber TOPICS.
+player SRC VALUES, bare SRC PACE SUBSCRIBERS TOPIC..., timer SECONDS, subscriber TOPICS.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import SelectionOptions
+from kitti_ros2.player import node
 from kitti_ros2.player.message_types import message_class
 from kitti_ros2.player.middleware import start_ros
 from kitti_ros2.player.node import KittiPlayer
@@ -86,13 +87,20 @@ def be_player(src: Path, values: dict[str, Any]) -> dict[str, Any]:
     late = array('q')  # which grows little over many rounds
     memory: list[float] = []
     begun: list[Usage] = []
-    latest: list[dict[str, float]] = [{}]
+    used: dict[str, float] = {}
 
     def on_publish(_outlet: int, due_ns: int, now_ns: int) -> None:
         if not begun:
             begun.append(Usage())
         late.append(now_ns - due_ns)
-        latest[0] = begun[0].since()
+
+    class Measured(Outlets):
+        """Ends the measurement when all is acknowledged, as in the bare loop."""
+
+        def finish(self, seconds: float) -> tuple[str, ...]:
+            late_topics = super().finish(seconds)
+            used.update(begun[0].since())
+            return late_topics
 
     def sample() -> None:
         while True:
@@ -100,43 +108,46 @@ def be_player(src: Path, values: dict[str, Any]) -> dict[str, Any]:
             time.sleep(0.2)
 
     Session.on_publish = staticmethod(on_publish)
+    node.Outlets = Measured  # type: ignore[attr-defined]
     keep_freed_memory()
     if values.get('loop', 1) > 1:
         threading.Thread(target=sample, daemon=True).start()
-    subscribed = values.pop('subscribed')
+    subscribers, subscribed = values.pop('subscribers'), values.pop('subscribed')
     start = KittiPlayer.start
 
     def start_and_resume(player: KittiPlayer) -> None:
         start(player)
-        threading.Thread(target=_resume, args=(player, subscribed), daemon=True).start()
+        threading.Thread(target=resume, args=(player,), daemon=True).start()
+
+    def resume(player: KittiPlayer) -> None:
+        wait_until_matched(player, subscribed, subscribers)
+        player.playback.resume()
 
     KittiPlayer.start = start_and_resume  # type: ignore[method-assign, assignment]
     values = {'source': str(src), 'start_paused': True, **values}
     run_player(values, [], end_by_signal(), keyboard=False)
-    return {'late': late.tolist(), 'memory': memory, **latest[0]}
+    return {'late': late.tolist(), 'memory': memory, **used}
 
 
-def _resume(player: KittiPlayer, topics: list[str]) -> None:
-    """Begin when every topic has its subscriber."""
-    while not all(player.count_subscribers(topic) for topic in topics):
+def wait_until_matched(publishing: Node, topics: list[str], subscribers: int) -> None:
+    """Wait until every topic is connected to all its subscribers, and both sides know."""
+    publishers = [each for each in publishing.publishers if each.topic_name in topics]
+    while any(each.get_subscription_count() < subscribers for each in publishers):
         time.sleep(0.05)
     time.sleep(1.0)
-    player.playback.resume()
 
 
-def be_bare(src: Path, topics: list[str], *, paced: bool) -> dict[str, Any]:
+def be_bare(src: Path, topics: list[str], subscribers: int, *, paced: bool) -> dict[str, Any]:
     """Publish the same bytes, made before, in time or as fast as they are taken."""
     program = open_program(src, raw=False)
     outlets = frozenset(range(len(program.channels)))
     ready = [program.fetch(index, outlets)[0] for index in range(len(program.stamps_ns))]
     context = start_ros([])
-    node = Node('bare', context=context)
-    group = Outlets(node, program, {}, lambda _: None)
+    publishing = Node('bare', context=context)
+    group = Outlets(publishing, program, {}, lambda _: None)
     publishers = group._publishers  # noqa: SLF001 - nothing of ours but the topics
-    clock = node.create_publisher(Clock, '/clock', 10)
-    while not all(node.count_subscribers(topic) for topic in topics):
-        time.sleep(0.05)
-    time.sleep(1.0)
+    clock = publishing.create_publisher(Clock, '/clock', 10)
+    wait_until_matched(publishing, topics, subscribers)
     usage, begin = Usage(), time.monotonic_ns()
     tick = begin
     for position, messages in enumerate(ready):
@@ -162,7 +173,7 @@ def be_bare(src: Path, topics: list[str], *, paced: bool) -> dict[str, Any]:
 def be_timer(seconds: float) -> dict[str, Any]:
     """A bare rclpy timer of 100 Hz: how late it is called."""
     rclpy.init()
-    node = rclpy.create_node('timer')
+    timing = rclpy.create_node('timer')
     begin = time.monotonic_ns()
     late: list[int] = []
     count = 0
@@ -172,10 +183,10 @@ def be_timer(seconds: float) -> dict[str, Any]:
         count += 1
         late.append(time.monotonic_ns() - begin - count * 10_000_000)
 
-    node.create_timer(0.01, call)
+    timing.create_timer(0.01, call)
     begin = time.monotonic_ns()
     executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    executor.add_node(timing)
     while time.monotonic_ns() - begin < seconds * 1e9:
         executor.spin_once(timeout_sec=0.1)
     rclpy.shutdown()
@@ -185,10 +196,10 @@ def be_timer(seconds: float) -> dict[str, Any]:
 def be_subscriber(topics: dict[str, str]) -> dict[str, int]:
     """Count what comes; ends with its standard input."""
     rclpy.init()
-    node = rclpy.create_node('subscriber')
+    listening = rclpy.create_node('subscriber')
     profile = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
     subscriptions = {
-        topic: node.create_subscription(
+        topic: listening.create_subscription(
             message_class(msgtype, TYPESTORE), topic, lambda _: None, profile, raw=True
         )
         for topic, msgtype in topics.items()
@@ -218,7 +229,9 @@ def main() -> None:
     role, *words = sys.argv[1:]
     roles: dict[str, Callable[[], Any]] = {
         'player': lambda: be_player(Path(words[0]), json.loads(words[1])),
-        'bare': lambda: be_bare(Path(words[0]), words[2:], paced=words[1] == 'paced'),
+        'bare': lambda: be_bare(
+            Path(words[0]), words[3:], int(words[2]), paced=words[1] == 'paced'
+        ),
         'timer': lambda: be_timer(float(words[0])),
         'subscriber': lambda: be_subscriber(json.loads(words[0])),
     }

@@ -261,7 +261,7 @@ class EncodeContext:
     Attributes:
         rig: The parameters common to all messages.
         stamp_ns: The sample's own.
-        path: Its file, for errors.
+        path: Returns its file, for errors.
         calibration: Returns the calibration of the sample's frame.
         trails: Returns the earlier positions of the tracks in the sample's frame, in the reader's
             fixed frame.
@@ -275,7 +275,7 @@ class EncodeContext:
 
     rig: Rig
     stamp_ns: int
-    path: Path
+    path: Callable[[], Path]
     calibration: Callable[[], Calibration]
     trails: Callable[[], Mapping[int, Float64Array]]
     camera: int = 0

@@ -270,7 +270,7 @@ def make_rest(scan: Scan, context: EncodeContext) -> object:
     """Make a String of the rest of a scan's file."""
     from .compact_clouds import encode_rest  # noqa: PLC0415 - as above
 
-    return encode_rest(_compact(scan, context).rest, context.path)
+    return encode_rest(_compact(scan, context).rest, context.path())
 
 
 def _compact(scan: Scan, context: EncodeContext) -> CompactScan:
@@ -292,7 +292,7 @@ def make_image(image: Image, context: EncodeContext) -> object:
 
 def make_file_check(image: Image, context: EncodeContext) -> object | None:
     """Make a String by which the PNG file made of an image's pixels is compared with its own."""
-    return encode_file_check(context.path, image.data) if image.format == PNG else None
+    return encode_file_check(context.path(), image.data) if image.format == PNG else None
 
 
 def make_annotated(image: Image, context: EncodeContext) -> object:
@@ -492,10 +492,10 @@ class Topic(Channel):
             message = self.encode(sample, context)
             parts = message if message is None or isinstance(message, tuple) else serialize(message)
         except ValueError as error:
-            raise BadFileError(context.path, str(error), f'data for {self.topic}') from None
+            raise BadFileError(context.path(), str(error), f'data for {self.topic}') from None
         except (struct.error, OverflowError) as error:
             what = f'a number that {self.msgtype} cannot hold ({error})'
-            raise BadFileError(context.path, what, 'stamps before 2038 and 32-bit ids') from None
+            raise BadFileError(context.path(), what, 'stamps before 2038 and 32-bit ids') from None
         return parts
 
 

@@ -309,7 +309,6 @@ class Encoder:
             rows = [(index, row) for index, row in rows if index in active or not row.on_demand]
         if not rows:
             return [], []
-        path = self._recording.path(entry.stream, entry.number)
         try:
             sample = self._read(entry)
         except RemoteError:
@@ -326,7 +325,7 @@ class Encoder:
         context = EncodeContext(
             self._rig,
             entry.stamp_ns,
-            path,
+            lambda: self._recording.path(entry.stream, entry.number),
             lambda: self._recording.calibration(entry.number),
             lambda: self._recording.trails(entry.number),
             entry.stream.camera or 0,

@@ -385,8 +385,8 @@ def _unmade(outlet: int, message: BagMessage) -> Message:
 
 
 def _due(outlet: int, message: BagMessage) -> Message:
-    data = bytes(message.data)
-    return Message(outlet, message.stamp_ns, (data + filling(len(data)),))
+    parts = (message.data, filling(len(message.data)))
+    return Message(outlet, message.stamp_ns, (b''.join(parts) if parts[1] else bytes(parts[0]),))
 
 
 def _frames_by_position(

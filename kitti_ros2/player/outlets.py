@@ -88,8 +88,6 @@ class FlowControl:
                 return False
             del self._waiting_since[outlet]
             self._unacknowledged[outlet] = 0
-        elif self._unacknowledged[outlet] * 2 >= window and self._arrived(outlet, 0.0):
-            self._unacknowledged[outlet] = 0  # else at a full queue all wait for a heartbeat
         self._unacknowledged[outlet] += 1
         return True
 

@@ -148,7 +148,10 @@ class RecordingProgram:
     def _encode(self, index: int, wanted: Collection[int]) -> tuple[list[Message], list[Loss]]:
         entry = self._entries[index]
         encoded, losses = self._encoder.encode(entry, wanted)
-        messages = [message._replace(parts=(message.data,)) for message in encoded]
+        messages = [
+            message if len(message.parts) == 1 else message._replace(parts=(message.data,))
+            for message in encoded
+        ]
         # Small messages first: each waits for those before it.
         messages.sort(key=lambda message: self._encoder.table[message.channel].on_demand)
         unmade = self._encoder.left_out(entry.stream, wanted)
@@ -227,7 +230,6 @@ class ReadAhead:
         self._drop()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
-    @deferred_signals()
     def want(self, wanted: frozenset[int], *, at_once: bool = True) -> None:
         """Set the outlets with subscribers; samples fetched without a new one are fetched again.
 
@@ -239,8 +241,11 @@ class ReadAhead:
         """
         added = wanted - self._wanted
         self._wanted = wanted
-        if not added:
-            return
+        if added:
+            self._fetch_again(at_once=at_once)
+
+    @deferred_signals()
+    def _fetch_again(self, *, at_once: bool) -> None:
         if at_once:
             self._drop()
         for number, sample in enumerate(self._ahead):

@@ -134,7 +134,7 @@ def assert_same(sample, back):
 def test_decode_is_the_inverse_of_encode(row, data):
     sample = data.draw(SAMPLES[row.stream])
     calibration = Calibration({}, None, None, Transform.identity())
-    context = EncodeContext(RIG, STAMP, Path('x'), lambda: calibration, dict, camera=2)
+    context = EncodeContext(RIG, STAMP, lambda: Path('x'), lambda: calibration, dict, camera=2)
     parts = row.serialize(sample, context)
     bag = BagContext(Path('x'), RIG.base_t_imu)
     found = None if parts is None else row.decode(deserialize(join(parts), row.msgtype), bag)

@@ -14,7 +14,6 @@ from kitti_ros2.player.outlets import FlowControl
 
 SECOND = 1_000_000_000
 DEPTH = 10
-TURN_NS = 10_000_000
 
 
 class Subscriber:
@@ -95,28 +94,6 @@ def test_the_wait_counts_anew_after_an_acknowledgement(clock):
     assert send(flow, 5 * DEPTH)[0] == 5 * DEPTH
     assert said
     assert all('slow subscriber, 4.0 s' in text for text in said)
-
-
-def test_messages_acknowledged_meanwhile_cost_no_wait(clock):
-    class InTurns(Subscriber):
-        """Acknowledges what was sent so far, every 10 ms, as at the heartbeats of a writer."""
-
-        sent_ns = waited_ns = 0
-
-        def wait_for_all_acked(self, timeout):
-            acknowledged_ns = -(-self.sent_ns // TURN_NS) * TURN_NS
-            wait_ns = max(0, acknowledged_ns - clock.now)
-            self.waited_ns += min(wait_ns, timeout.nanoseconds)
-            clock.now += min(wait_ns, timeout.nanoseconds)
-            return wait_ns <= timeout.nanoseconds
-
-    subscriber = InTurns(clock, None)
-    flow, said = flow_to(clock, subscriber)
-    for _ in range(10 * DEPTH):
-        clock.now += 4_000_001
-        assert flow.make_room(0, 0.2)
-        subscriber.sent_ns = clock.now
-    assert (subscriber.waited_ns, said) == (0, [])
 
 
 def test_a_best_effort_publisher_waits_for_nobody(clock):
