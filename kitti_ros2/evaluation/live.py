@@ -255,6 +255,7 @@ _SHELL = re.compile(r'^\s*(source|export|cd|\.|\w+=\S*)\s|[;&|<>]')
 _SHELL_HINT = '; no shell interprets it: for what a shell does, give "bash -c \'...\'"'
 _NO_SIGNAL = 0  # only checks whether there is a process
 _POLL_S = 0.02
+_SAY_AFTER_S = 4.0
 _LAST_OUTPUT_S = 0.5
 
 
@@ -378,7 +379,7 @@ def record_run(
         played: Options of the player, by name.
         bag: The bag to write.
         accept: Called with the type of the topic; raises if it cannot be scored.
-        show: Called with each line of the node's output.
+        show: Called with each line of the node's output, and with a note if the start takes long.
         progress: Called with the numbers of answered frames and of all.
 
     Raises:
@@ -395,7 +396,7 @@ def record_run(
     ):
         session = _LiveSession(player, node, options, writer, answers, accept)
         try:
-            session.wait_until_ready()
+            session.wait_until_ready(show)
             session.play(progress)
         finally:
             session.end_recording()
@@ -428,20 +429,29 @@ class _LiveSession:
         self._recording = True
         self.run = LiveRun(answers, options.topic, notes=[*player.session.program.notes()])
 
-    def wait_until_ready(self) -> None:
+    def wait_until_ready(self, show: Callable[[bytes], object]) -> None:
         """Wait until the topic has a publisher, and enough nodes subscribe.
+
+        Args:
+            show: Called with a line, once, if it takes longer than _SAY_AFTER_S.
 
         Raises:
             StackError: The node has ended, or the time is up.
             KittiRos2Error: Results of the topic's type cannot be scored.
         """
         self._refuse_own_topic()
-        end = time.monotonic() + self._options.start_timeout_ns / NS_PER_S
+        limit_s = self._options.start_timeout_ns / NS_PER_S
+        begin_s, said = time.monotonic(), False
         while not (self._connect_topic() and not self._player.playback.state().waiting):
             if self._node is not None and (how := self._node.ended()):
                 raise StackError(f'the node ended before the first frame: {how}')
-            if time.monotonic() > end:
-                raise StackError(self._describe_missing())
+            waited_s = time.monotonic() - begin_s
+            if waited_s > limit_s:
+                raise StackError(self._describe_missing(limit_s))
+            if waited_s > _SAY_AFTER_S and not said:
+                said = True
+                missing = self._describe_missing(_SAY_AFTER_S)
+                show(f'note: waiting for {limit_s:g} s: {missing}\n'.encode())
             time.sleep(_POLL_S)
         topic = self._options.topic
         if (publishers := self._player.count_publishers(topic)) > 1:
@@ -538,8 +548,8 @@ class _LiveSession:
         if self._options.topic in topics:
             raise UsageError(f'{self._options.topic} is played itself; give a topic of the node')
 
-    def _describe_missing(self) -> str:
-        topic, seconds = self._options.topic, self._options.start_timeout_ns / NS_PER_S
+    def _describe_missing(self, seconds: float) -> str:
+        topic = self._options.topic
         if not self._player.hears(topic):
             others = self._player.others()
             hint = did_you_mean(topic, others) or (
@@ -644,7 +654,8 @@ def run_live(
         source: A KITTI folder or a bag.
         options: Options of the run.
         played: Options of the player, by name.
-        show: Called with each line of the node's output, from another thread.
+        show: Called with each line of the node's output, from another thread, and with a note if
+            the start takes long.
         progress: Called with the numbers of answered frames and of all.
     """
     check_installed()

@@ -196,13 +196,30 @@ def test_what_keeps_it_from_beginning_is_named(heard, complaint, tmp_path, monke
     clock = SimpleNamespace(monotonic=count().__next__, sleep=lambda _: None)
     monkeypatch.setattr(live, 'time', clock)
     named = pytest.raises(StackError, match=re.escape(complaint))
+    shown = []
     with new_stage(tmp_path, Waiting(heard), Answers(1)) as stage, named:
-        stage.wait_until_ready()
+        stage.wait_until_ready(shown.append)
+    assert shown == []
+
+
+def test_a_long_start_is_explained_once_and_early(tmp_path, monkeypatch):
+    clock = SimpleNamespace(monotonic=count().__next__, sleep=lambda _: None)
+    monkeypatch.setattr(live, 'time', clock)
+    shown = []
+    stage = new_stage(tmp_path, Waiting(heard=False), Answers(1), start_timeout=60)
+    with stage as session, pytest.raises(StackError, match='no publisher after 60 s'):
+        session.wait_until_ready(lambda line: shown.append((clock.monotonic(), line)))
+    ((seconds, line),) = shown
+    assert seconds <= 7  # each look at this clock takes a second
+    assert line == (
+        b'note: waiting for 60 s: /answering/bxes has no publisher after 4 s; did you mean'
+        b' /answering/boxes?\n'
+    )
 
 
 @contextmanager
-def new_stage(folder, player, answers):
-    options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': 1})
+def new_stage(folder, player, answers, start_timeout=1):
+    options, _ = make_live_options({'topic': '/answering/bxes', 'start_timeout': start_timeout})
     with open_bag(folder / 'a.mcap', BagOptions(), TYPESTORE) as bag:
         yield live._LiveSession(player, None, options, bag, answers, options.task_of)
 
