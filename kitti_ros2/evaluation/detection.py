@@ -23,6 +23,7 @@ from ..model.geometry import Transform
 from ..model.samples import FrameLabels
 from ..options.declare import options_of
 from ..options.evaluation import DETECTION, BagResultsOptions, make_detection_options
+from .box_mistakes import diagnose_detections
 from .ground_truth import (
     FrameBoxes,
     holds_bag,
@@ -428,6 +429,8 @@ def score_frames(
         name: _score_class(labels, detections, overlaps, name, limit)
         for name, limit in limits.items()
     }
+    named = str(results.source), limits.keys(), labels, detections, numbers
+    notes = (*notes_on(scores, results, labels, detections), *diagnose_detections(*named))
     solid = {space: overlaps[space] for space in (Space.SOLID, Space.GROUND)}
     return DetectionScores(
         scores,
@@ -435,7 +438,7 @@ def score_frames(
         limits,
         len(numbers),
         tuple(losses),
-        (*truth.notes, *results.notes, *notes_on(scores, results, labels, detections)),
+        (*truth.notes, *results.notes, *notes),
         None if options.worst is None else _rank(truth, results, numbers, options),
     )
 

@@ -532,20 +532,20 @@ _MOST_CELLS = 4
 _NO_SIZE = -1.0
 
 
-def left_out_note(count: int) -> tuple[str, ...]:
-    """Return the note on labels of the scored classes whose occlusion is unknown."""
+def left_out_note(count: int, total: int) -> tuple[str, ...]:
+    """Return the note on labels of the scored classes whose occlusion is unknown, of so many."""
     if not count:
         return ()
-    text = f'{format_count(count, "label")} left out: occlusion {UNKNOWN_OCCLUSION}, unknown'
-    return (f'{text}; 0 counts as visible',)
+    part = f'{count} of {format_count(total, "label")}'
+    return (f'{part} left out: occlusion {UNKNOWN_OCCLUSION}, unknown; 0 counts as visible',)
 
 
 def notes_on(
     scores: Scores, results: FrameBoxes, labels: ObjectTable, detections: ObjectTable
 ) -> Iterator[str]:
     """Yield notes on the scores of some results."""
-    unknown = labels.of_classes({*scores}) & (labels.occluded == UNKNOWN_OCCLUSION)
-    yield from left_out_note(int(np.count_nonzero(unknown)))
+    unknown = labels.occluded[labels.of_classes({*scores})] == UNKNOWN_OCCLUSION
+    yield from left_out_note(int(np.count_nonzero(unknown)), len(unknown))
     unscored = sum(box.score is None for boxes in results.boxes.values() for box in boxes)
     if unscored:
         yield (
@@ -554,7 +554,7 @@ def notes_on(
         )
     yield from _invalid_boxes(results, detections)
     for class_name, metrics in scores.items():
-        yield from _notes_on_class(class_name, results, detections)
+        yield from _notes_on_class(class_name, detections)
         absent = [name for name, levels in metrics.items() if None in levels.values()]
         if absent:
             yield (
@@ -591,13 +591,11 @@ def _invalid_boxes(results: FrameBoxes, detections: ObjectTable) -> Iterator[str
             yield f'{results.source}: {format_count(count, "detection")} with a {fault}'
 
 
-def _notes_on_class(class_name: str, results: FrameBoxes, detections: ObjectTable) -> Iterator[str]:
+def _notes_on_class(class_name: str, detections: ObjectTable) -> Iterator[str]:
     own = detections.of_classes({class_name})
-    if not own.any():
-        yield f'{class_name}: {results.source} has no detection of this class in the scored frames'
-        return
     least = min(limits.height_px for limits in LIMITS.values())
-    if (np.abs(detections.box_2d[own, 3] - detections.box_2d[own, 1]) < least).all():
+    low = np.abs(detections.box_2d[own, 3] - detections.box_2d[own, 1]) < least
+    if own.any() and low.all():
         yield (
             f'{class_name}: all detections have a 2D box lower than {least:g} px, or none: the'
             f' benchmark ignores them, also in bev and 3d; project the 3D boxes into the image'

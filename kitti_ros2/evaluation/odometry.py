@@ -29,6 +29,7 @@ from ..model.samples import NONE
 from ..model.streams import NS_PER_S, format_stamp
 from ..options.evaluation import ODOMETRY, make_odometry_options
 from .ground_truth import truth_of_file, truth_of_folder
+from .pose_mistakes import diagnose_keyframes, diagnose_poses
 from .trajectories import (
     EXPECTED,
     LENGTHS_M,
@@ -455,6 +456,7 @@ def score_odometry(
     errors = replace(errors, scale=errors.scale * scale)
     distances = path_distances(poses)
     short = _note_short(segments, float(distances[-1]))
+    mistakes = _mistakes(truth, trajectory, numbers[posed], poses[posed], at_frames[posed])
     return OdometryScores(
         truth.name,
         truth.trajectory.source,
@@ -468,7 +470,7 @@ def score_odometry(
         options.align,
         match.by,
         (*truth.trajectory.losses, *trajectory.losses, *match.losses),
-        (*truth.trajectory.notes, *trajectory.notes, *match.notes, *short),
+        (*truth.trajectory.notes, *trajectory.notes, *match.notes, *short, *mistakes),
     )
 
 
@@ -493,6 +495,21 @@ def _scaled_poses(
         if abs(step - 1) < _SAME_SCALE:
             break
     return at_frames[scored], scale
+
+
+def _mistakes(
+    truth: GroundTruth,
+    result: CameraTrajectory,
+    numbers: Int64Array,
+    poses: Float64Array,
+    at_frames: Float64Array,
+) -> Sequence[str]:
+    """Return notes on the usual mistakes in a result, given N matched poses of both."""
+    by_line = result.numbers is not None and np.array_equal(result.numbers, range(len(result)))
+    of_lines = [*diagnose_keyframes(result.source, truth.trajectory.poses, result.poses)]
+    if by_line and of_lines:
+        return of_lines
+    return [*diagnose_poses(result.source, numbers, poses, at_frames)]
 
 
 def _note_short(segments: SegmentErrors, length_m: float) -> tuple[str, ...]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -345,23 +346,20 @@ def score_tracking(
     complete = read.sequence is None and not ground_truth.is_file()
     source = find_results(results, labelled, options, complete=complete)
     classes = ClassMap(dict(options.class_map), TRACKER_CLASSES)
-    losses, notes, others, unknown = [*source.losses], [*source.notes], 0, 0
+    losses, notes, others, occlusions = [*source.losses], [*source.notes], 0, Counter[int]()
     sequences = []
     for sequence in source.sequences:
         truth = read_truth(sequence.labels, sequence.length).among(frames)
         tracks = _read(source, sequence, classes).among(frames)
         losses += [*truth.losses, *tracks.losses]
         others += tracks.others
-        unknown += sum(
-            box.class_name in SCORED and box.box.occluded == UNKNOWN_OCCLUSION
-            for box in truth.boxes
-        )
+        occlusions.update(box.box.occluded for box in truth.boxes if box.class_name in SCORED)
         notes += [*_empty_frames(sequence, truth, tracks), *_short_tracks(sequence, tracks)]
         sequences.append(TrackedSequence(sequence.name, sequence.length, truth.boxes, tracks.boxes))
     if others:
         names = ' and '.join(SCORED)
         notes.append(f'boxes of other classes than {names}, {others:,}, have no part in the scores')
-    notes += left_out_note(unknown)
+    notes += left_out_note(occlusions[UNKNOWN_OCCLUSION], sum(occlusions.values()))
     figures = score_sequences(sequences, progress)
     return TrackingScores(
         figures.combined,
