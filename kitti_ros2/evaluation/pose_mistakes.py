@@ -203,8 +203,8 @@ def _late(
         if inside.stop - inside.start < _STEPS // 2:
             continue
         own, others = steps[0][inside], steps[1][moved]
-        telling = _errors(own, steps[0][moved])
-        telling = telling > np.quantile(telling, _TELLING)
+        changes = _errors(own, steps[0][moved])
+        telling = changes > np.quantile(changes, _TELLING)
         change = Change(
             _errors(own[telling], steps[1][inside][telling]), _errors(own[telling], others[telling])
         )
