@@ -393,8 +393,8 @@ def _diagnose_classes(
                 f'; {np.count_nonzero(named == most)} of {len(named)} that match its labels in 2D'
                 f' are named {detections.class_names[most]}'
             )
-        elif counts:
-            text += f', but of {some_of([f"{name} ({count})" for name, count in counts.items()])}'
+        elif others := [f'{name} ({n})' for name, n in counts.items() if name not in class_names]:
+            text += f', but of {some_of(others)}'
         yield text
 
 

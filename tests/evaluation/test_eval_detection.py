@@ -63,7 +63,7 @@ def test_json_has_exactly_the_documented_shape(folders, capsys):
 def test_labels_of_unknown_occlusion_are_counted(folders, capsys):
     labels = {3: line('Car', occluded=3) * 2 + CAR, 4: line('Tram', occluded=3)}
     write_frames(folders[0], labels)
-    assert 'note: 2 of 3 labels left out: occlusion 3, unknown;' in run(capsys, *folders)[1]
+    assert 'note: 2 of 4 labels left out: occlusion 3, unknown;' in run(capsys, *folders)[1]
     assert 'left out' not in run(capsys, *folders, '--classes', 'cyclist')[1]
 
 

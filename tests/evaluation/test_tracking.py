@@ -308,7 +308,7 @@ def test_labels_of_unknown_occlusion_are_counted(truth, tracks):
     results = tracks([replace(label, occluded=0) for label in labels])
     scores = evaluate_tracking(truth([*labels, box(0, 2, 'Truck', occluded=3)]), results)
     assert scores.classes['car']['MOTA'] is None
-    assert '3 labels left out: occlusion 3, unknown; 0 counts as visible' in scores.notes
+    assert '3 of 3 labels left out: occlusion 3, unknown; 0 counts as visible' in scores.notes
 
 
 @needs_trackeval
