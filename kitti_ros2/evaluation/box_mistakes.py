@@ -16,7 +16,7 @@ import numpy as np
 
 from ..model.boxes import DONT_CARE, LIMITS, ious_2d, parts_within
 from ..model.errors import some_of
-from .object_benchmark import pairs_by_frame
+from .object_benchmark import pairs_by_frame, table_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
     from .object_benchmark import ObjectTable
+    from .track_metrics import TrackBox
 
 
 # Errors are in units of what a passable detector or odometry has, so that 1 is agreement.
@@ -305,7 +306,7 @@ def _solids(table: ObjectTable, rows: Int64Array) -> _Solids:
 # Detections of other frames, other classes, and other scores.
 
 _SHIFTS = (-1, 1)
-_OVERLAP_OFF = 0.4
+_LEAST_MOVED, _MOVED_IOU, _CLOSER = 25, 0.05, 0.85
 _FOCAL_PX, _MIDDLE_PX = 721.5, (609.6, 172.9)
 """Of KITTI's first day; those of the others are within 2 %."""
 _CONSISTENT, _MATCHING = 0.7, 0.25
@@ -318,8 +319,9 @@ def _diagnose_frames(source: str, labels: ObjectTable, detections: ObjectTable) 
     ious = {shift: _best_ious(labels, detections, shift) for shift in (0, *_SHIFTS)}
     for shift in _SHIFTS:
         seen = np.maximum(ious[0], ious[shift]) > _MATCHING_IOU
-        before, after = ((1 - ious[key][seen]) / _OVERLAP_OFF for key in (0, shift))
-        if Change(before, after).explains:
+        gains = (ious[shift] - ious[0])[seen]
+        gains = gains[np.abs(gains) > _MOVED_IOU]
+        if len(gains) >= _LEAST_MOVED and np.mean(gains > 0) >= _CLOSER:
             matching, own = (int(np.count_nonzero(ious[key] > _MATCHING_IOU)) for key in (shift, 0))
             yield (
                 f'{source}: {matching} of {len(labels)} labels match detections of the frame'
@@ -438,3 +440,42 @@ def _diagnose_labels(class_names: Collection[str], labels: ObjectTable) -> Itera
 def _heights(table: ObjectTable) -> Float64Array:
     heights: Float64Array = table.box_2d[:, 3] - table.box_2d[:, 1]
     return heights
+
+
+# Tracks: ids that do not last, boxes without a place in the image, and those of other frames.
+
+
+@np.errstate(all='ignore')  # boxes may hold any numbers
+def diagnose_tracks(
+    source: str, labels: Sequence[TrackBox], tracks: Sequence[TrackBox]
+) -> Iterator[str]:
+    """Yield a note for each usual mistake in the tracks of a sequence.
+
+    Args:
+        source: Of the tracks, for users.
+        labels: Boxes of its labels.
+        tracks: Boxes of its results.
+    """
+    ordered = sorted(tracks, key=lambda box: box.frame)
+    truth, results = _track_table(sorted(labels, key=lambda box: box.frame)), _track_table(ordered)
+    for whose, table in (('labels', truth), (source, results)):
+        if len(table) >= _LEAST_PAIRS and (_heights(table) <= 0).all():
+            yield (
+                f'{whose}: none of {len(table)} boxes has a 2D box, which is what tracks are'
+                ' scored by; project the 3D boxes into the image'
+            )
+            return
+    yield from _diagnose_frames(source, truth, results)
+    ids = np.array([box.track_id for box in ordered], np.int64)
+    label, detection, _ = _match_in_image(results, results, shift=1)
+    other = np.count_nonzero(ids[label] != ids[detection])
+    if len(label) >= _LEAST_PAIRS and other > len(label) / 2:
+        yield (
+            f'{source}: {other} of {len(label)} boxes at the place of one in the frame before have'
+            ' another id: ids that start anew in each frame, or number its boxes?'
+        )
+
+
+def _track_table(boxes: Sequence[TrackBox]) -> ObjectTable:
+    table = table_of([[box.box for box in boxes]])
+    return replace(table, frame=np.array([box.frame for box in boxes], np.int64))

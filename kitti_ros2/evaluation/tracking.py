@@ -19,6 +19,7 @@ from ..model.errors import Loss, MissingPathError, UsageError, format_numbers, s
 from ..model.streams import Layout, Stream
 from ..options.evaluation import TRACKING, make_tracking_options
 from .bag_results import read_bag_results
+from .box_mistakes import diagnose_tracks
 from .ground_truth import recording_of
 from .object_benchmark import left_out_note
 from .track_metrics import (
@@ -355,6 +356,7 @@ def score_tracking(
         others += tracks.others
         occlusions.update(box.box.occluded for box in truth.boxes if box.class_name in SCORED)
         notes += [*_empty_frames(sequence, truth, tracks), *_short_tracks(sequence, tracks)]
+        notes += diagnose_tracks(sequence.name, truth.boxes, tracks.boxes)
         sequences.append(TrackedSequence(sequence.name, sequence.length, truth.boxes, tracks.boxes))
     if others:
         names = ' and '.join(SCORED)

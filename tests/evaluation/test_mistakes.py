@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import mistaken_poses
 import mistaken_results
@@ -13,8 +14,10 @@ import pytest
 from mistaken_poses import drive, odometry
 from mistaken_results import NAMES, detected, labels_of, noise
 
-from kitti_ros2.evaluation.box_mistakes import diagnose_detections
+from kitti_ros2.evaluation.box_mistakes import diagnose_detections, diagnose_tracks
 from kitti_ros2.evaluation.pose_mistakes import diagnose_keyframes, diagnose_poses
+from kitti_ros2.evaluation.track_metrics import TrackBox
+from kitti_ros2.model.boxes import Box
 
 _SETS, _LEAST = 20, 19
 _SOUND = 40
@@ -101,3 +104,59 @@ def test_standing_still_has_no_note():
     assert notes_on_poses(still, still) == []
     assert notes_on_poses(still[:2], still[:2]) == []
     assert notes_on_poses(still[:1], still[:1]) == []
+
+
+def tracks_of(rng, frames=30, objects=8):
+    """Tracks of objects that move across the image."""
+    at = rng.uniform([0, 150], [1100, 170], (objects, 2))
+    size = rng.uniform([50, 40], [140, 90], (objects, 2))
+    speed = rng.uniform(-4, 4, objects)
+    boxes = []
+    for frame, track in product(range(frames), range(objects)):
+        left, top = at[track] + [frame * speed[track], 0]
+        flat = (left, top, left + size[track, 0], top + size[track, 1])
+        box = Box('Car', 0.0, 0, 0.0, flat, (1.5, 1.6, 4.0), (1.0, 1.6, 20.0), 0.0, 0.9)
+        boxes.append(TrackBox('car', frame, track, box))
+    return boxes
+
+
+def _numbered_in_frame(boxes, rng):
+    order = {frame: rng.permutation(8).tolist() for frame in range(30)}
+    return [box._replace(track_id=order[box.frame][box.track_id]) for box in boxes]
+
+
+def _numbered_from_1(boxes, _):
+    return [box._replace(frame=box.frame + 1) for box in boxes]
+
+
+@pytest.mark.parametrize(
+    ('plant', 'part'),
+    [
+        (_numbered_in_frame, 'have another id'),
+        (lambda boxes, _: [box._replace(track_id=i) for i, box in enumerate(boxes)], 'another id'),
+        (
+            lambda boxes, _: [
+                box._replace(box=replace(box.box, box_2d=(-1.0, -1.0, -1.0, -1.0))) for box in boxes
+            ],
+            'none of 240 boxes has a 2D box',
+        ),
+        (_numbered_from_1, 'numbered one too high'),
+    ],
+)
+def test_mistake_in_tracks_is_named(plant, part):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        labels = tracks_of(rng)
+        notes = [*diagnose_tracks('0000', labels, plant(labels, rng))]
+        assert any(part in note for note in notes), notes
+
+
+def test_sound_tracks_have_no_note():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        labels = tracks_of(rng)
+        assert [
+            *diagnose_tracks('0000', labels, [box for box in labels if rng.random() < 0.8])
+        ] == []
+        assert [*diagnose_tracks('0000', labels, tracks_of(rng))] == []
+        assert [*diagnose_tracks('0000', labels, [])] == []
