@@ -8,6 +8,7 @@ import os
 import sys
 import time
 from contextlib import closing
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -76,6 +77,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
         UsageError: The arguments are invalid.
         MissingDataError: No picture could be drawn.
     """
+    from ..evaluation.box_mistakes import diagnose_predictions
     from ..files.processes import keep_freed_memory
     from ..files.staging import refuse_inside
     from ..kitti.label_file import ResultFiles
@@ -94,6 +96,11 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
         results = None if path is None else ResultFiles(path, frames=source.recording.file_names)
         refine = _unchanged if results is None else Predictions(results.read, overlaps).add_to
         losses = _draw(source, settings, out, refine, quiet=quiet)
+        if results is not None and not quiet and not single:
+            readers = (partial(source.recording.read, Stream.LABELS), results.read)
+            numbers = _numbers(settings, source, single=single)
+            for note in diagnose_predictions(str(path), readers, numbers):
+                say(f'note: {note}')
     losses += () if results is None else results.losses
     show_losses(losses)
     return EXIT_LOSSES if losses else EXIT_OK

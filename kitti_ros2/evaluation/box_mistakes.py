@@ -8,19 +8,21 @@ before, that was it: a note names it. Scores never change.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import permutations, product
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..model.boxes import DONT_CARE, LIMITS, ious_2d, parts_within
-from ..model.errors import some_of
+from ..model.errors import KittiRos2Error, some_of
 from .object_benchmark import pairs_by_frame, table_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
 
+    from ..model.boxes import Box
     from ..model.geometry import Float64Array
     from ..model.samples import Int64Array
     from .object_benchmark import ObjectTable
@@ -80,9 +82,41 @@ def diagnose_detections(
     yield from _diagnose_classes(source, class_names, labels, detections)
     yield from _diagnose_scores(source, detections)
     yield from _diagnose_boxes(source, labels, detections)
-    of_frames = np.array(numbers, np.int64)
-    numbered = (replace(table, frame=of_frames[table.frame]) for table in (labels, detections))
-    yield from _diagnose_frames(source, *numbered)
+    yield from _diagnose_frames(source, *_numbered(labels, detections, numbers))
+
+
+def diagnose_predictions(
+    source: str, readers: Sequence[Callable[[int], Any]], numbers: Sequence[int]
+) -> Iterator[str]:
+    """Yield a note for each usual mistake in the boxes of predictions.
+
+    Args:
+        source: Of the predictions, for users.
+        readers: Return labels and predictions of a frame, FrameLabels; a frame without either,
+            which raises KittiRos2Error or OSError, is left out.
+        numbers: The frames.
+    """
+    frames: list[tuple[list[Box], ...]] = []
+    read_numbers = []
+    for number in numbers:
+        with suppress(KittiRos2Error, OSError):
+            both = [read(number).boxes for read in readers]
+            frames.append(tuple([box for box in boxes if box is not None] for boxes in both))
+            read_numbers.append(number)
+    if frames:
+        labels, predictions = (table_of(series) for series in zip(*frames, strict=True))
+        yield from _diagnose_boxes(source, labels, predictions)
+        yield from _diagnose_frames(source, *_numbered(labels, predictions, read_numbers))
+
+
+def _numbered(
+    labels: ObjectTable, detections: ObjectTable, numbers: Sequence[int]
+) -> tuple[ObjectTable, ObjectTable]:
+    """Return tables with the numbers of their frames."""
+    by_index = np.array(numbers, np.int64)
+    return replace(labels, frame=by_index[labels.frame]), replace(
+        detections, frame=by_index[detections.frame]
+    )
 
 
 # Detections: pairs of a label and the detection that has its place in the image.

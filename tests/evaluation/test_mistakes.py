@@ -13,10 +13,16 @@ import numpy as np
 import pytest
 from mistaken_poses import drive, odometry
 from mistaken_results import NAMES, detected, labels_of, noise
+from random_results import line_of
 
-from kitti_ros2.evaluation.box_mistakes import diagnose_detections, diagnose_tracks
+from kitti_ros2.evaluation.box_mistakes import (
+    diagnose_detections,
+    diagnose_predictions,
+    diagnose_tracks,
+)
 from kitti_ros2.evaluation.pose_mistakes import diagnose_keyframes, diagnose_poses
 from kitti_ros2.evaluation.track_metrics import TrackBox
+from kitti_ros2.kitti.label_file import ResultFiles
 from kitti_ros2.model.boxes import Box
 
 _SETS, _LEAST = 20, 19
@@ -160,3 +166,37 @@ def test_sound_tracks_have_no_note():
         ] == []
         assert [*diagnose_tracks('0000', labels, tracks_of(rng))] == []
         assert [*diagnose_tracks('0000', labels, [])] == []
+
+
+def write_files(folder, table, *, scored=False):
+    folder.mkdir(parents=True)
+    for frame in range(20):
+        rows = np.flatnonzero(table.frame == frame)
+        lines = [
+            line_of(
+                table.class_names[table.class_index[row]].title(),
+                0,
+                0,
+                table.alpha[row],
+                table.box_2d[row],
+                table.size_hwl[row],
+                table.location[row],
+                table.rotation_y[row],
+                table.score[row] if scored else None,
+            )
+            for row in rows
+        ]
+        (folder / f'{frame:06d}.txt').write_text(''.join(lines))
+
+
+def test_mistake_in_files_of_predictions_is_named(tmp_path):
+    rng = np.random.default_rng(0)
+    labels = labels_of(rng, 120)
+    plant, part = mistaken_results.MISTAKES['scanner']
+    predictions = plant(detected(labels, rng), rng)
+    write_files(tmp_path / 'object/training/label_2', labels)
+    write_files(tmp_path / 'results', predictions, scored=True)
+    readers = [ResultFiles(tmp_path / name).read for name in ('object/training/label_2', 'results')]
+    notes = [*diagnose_predictions('results', readers, range(25))]
+    assert len(notes) == 1
+    assert part in notes[0]
