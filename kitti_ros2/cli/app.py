@@ -132,6 +132,8 @@ def run(words: list[str]) -> int:
             get_command(completion_words()).main(prog_name='kitti-ros2')
     if words[:1] in (['--install-completion'], ['--show-completion']):
         complete_at_first_tab()
+    if words[:1] == ['help']:
+        words = [*words[1:], '--help']
     command = get_command(words)
     ros_args: list[str] = []
     if words[:1] == ['play']:
@@ -220,7 +222,8 @@ def describe_usage_error(error: Any) -> str:  # noqa: ANN401 - of typer's own co
         return missing_argument(error.param, context)
     extra = _EXTRA.match(message)
     if extra is not None:
-        return f'unexpected argument {extra[1]}; {_usage(command, path)}'
+        hint = '; give OUT by -o' if '--out' in _spellings(command) else ''
+        return f'unexpected argument {extra[1]}{hint}; {_usage(command, path)}'
     return f'{message}; see {path} --help'
 
 
@@ -249,8 +252,12 @@ def _spellings(command: Any) -> list[str]:  # noqa: ANN401 - as above
     return [flag for param in command.params for flag in (*param.opts, *param.secondary_opts)]
 
 
+_CONVERT = 'to-bag writes a folder or a bag as a bag, to-kitti writes KITTI files'
+_OTHER_NAMES = {'convert': _CONVERT, 'export': _CONVERT, 'import': _CONVERT}
+
+
 def _no_command(word: str, names: list[str]) -> str:
-    hint = did_you_mean(word, names)
+    hint = f'; {_OTHER_NAMES[word]}' if word in _OTHER_NAMES else did_you_mean(word, names)
     if not hint and Path(word).exists():
         hint = f'; give a command first, such as kitti-ros2 info {word}'
     listed = ', '.join(names)

@@ -150,6 +150,7 @@ def parse_choice(kind: type[E]) -> Callable[[str, object], E]:
 _SIZE = re.compile(r'(\d{1,100}(?:\.\d{1,100})?)\s*([kMGT]?)(i?)B?', re.ASCII)
 _LEAST_SPLIT_BYTES = 1_000_000
 # An exponent of many digits would take all memory as a fraction.
+_WHOLE_PERCENT = 100
 _SHARE = re.compile(r'\d{0,50}\.?\d{0,50}(?:[eE][-+]?\d{1,2})?|\d{1,50}/\d{1,50}', re.ASCII)
 _IMAGE_SIZE = re.compile(r'(\d{1,5})[xX,](\d{1,5})', re.ASCII)
 _POWERS = {'': 0, 'k': 1, 'M': 2, 'G': 3, 'T': 4}
@@ -286,7 +287,7 @@ def parse_image_size(name: str, value: object) -> tuple[int, int]:
 
 @accepts(list[str], keyword='str | Sequence[float | str]')
 def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
-    """Parse shares of a whole, such as 0.8 0.2 or 1/3 2/3."""
+    """Parse shares of a whole, such as 0.8 0.2, 1/3 2/3, or percent that add up to 100."""
     from fractions import Fraction  # noqa: PLC0415 - for one command
 
     if value == ():
@@ -297,6 +298,8 @@ def parse_shares(name: str, value: object) -> tuple[Fraction, ...]:
         shares = tuple(Fraction(word) for word in words if _SHARE.fullmatch(word))
     except (ValueError, ZeroDivisionError):
         shares = ()
+    if sum(shares) == _WHOLE_PERCENT:
+        shares = tuple(share / _WHOLE_PERCENT for share in shares)
     if not shares or len(shares) < len(words) or not all(0 < share <= 1 for share in shares):
         given = ' '.join(words)
         raise UsageError(f'{name} takes shares above 0, such as 0.8 0.2, not {shown(given)}')

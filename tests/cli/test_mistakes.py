@@ -374,7 +374,8 @@ def test_a_sequence_that_is_not_there(several, capsys, layout, asked, said):
         ('to-bag {object} {tmp}/o --topcs /tf', 'no option --topcs; did you mean --topics? See'),
         ('to-bag {object} {tmp}/o --config {tmp}/c.yaml', "unknown option 'imges'; did you mean"),
         ('tobag {object} {tmp}/o', 'there is no command tobag; did you mean to-bag?'),
-        ('convert {object} {tmp}/o', 'no command convert; there are info, play, view, '),
+        ('convert {object} {tmp}/o', 'there is no command convert; to-bag writes a folder or'),
+        ('refine {object} {tmp}/o', 'no command refine; there are info, play, view, '),
         ('{object} {tmp}/o', 'give a command first, such as kitti-ros2 info '),
     ],
 )  # fmt: skip
@@ -459,6 +460,7 @@ def test_messages_of_a_bag_outside(bag, capsys):
         ('to-bag x', 'usage: kitti-ros2 to-bag SRC OUT [OPTIONS]'),
         ('to-bag x -o y', 'there is no option -o; usage: kitti-ros2 to-bag SRC OUT [OPTIONS]'),
         ('to-bag x y z', 'unexpected argument z; usage: kitti-ros2 to-bag SRC OUT [OPTIONS]'),
+        ('view x y.png', 'unexpected argument y.png; give OUT by -o; usage: kitti-ros2 view SRC'),
         ('to-kitti x', 'OUT is missing (the folder to create); usage: kitti-ros2 to-kitti BAG'),
         ('to-kitti', 'usage: kitti-ros2 to-kitti BAG... OUT [OPTIONS]'),
         ('recover x', 'usage: kitti-ros2 recover BAG OUT [OPTIONS]'),

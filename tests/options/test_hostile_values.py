@@ -41,6 +41,7 @@ def test_a_share_of_many_digits_is_refused_at_once(word):
 
 
 def test_shares_may_be_written_in_any_way():
+    assert [*map(float, parse_shares('option', '80 20'))] == [0.8, 0.2]
     assert [float(each) for each in parse_shares('option', '0.5 .25 1/8 1e-1 1')] == [
         *(0.5, 0.25, 0.125, 0.1, 1.0)
     ]
