@@ -33,7 +33,7 @@ _FEWER = 0.9
 _TELLING = 0.75  # of the frames, those whose speed or turn says most about the time
 
 
-class _Reading(NamedTuple):
+class _Interpretation(NamedTuple):
     """A way to read a result.
 
     Attributes:
@@ -138,7 +138,7 @@ def _lengths(motions: Float64Array) -> Float64Array:
     return lengths
 
 
-def _axes(result: Float64Array) -> Iterator[_Reading]:
+def _axes(result: Float64Array) -> Iterator[_Interpretation]:
     """Yield a result as that of another frame, as inverse poses, and as transposed rotations."""
     inverse = np.linalg.inv(result)
     transposed = result.copy()
@@ -155,7 +155,7 @@ def _axes(result: Float64Array) -> Iterator[_Reading]:
         hint = '; give --frame velo_link, or imu_link, and the folder of the sequence'
         frame = f'as poses of a frame with {axes}{hint if axes == _SCANNER and not form else ""}'
         text = form if is_own else f'{form}, {frame}' if form else frame
-        yield _Reading(text, turn @ poses @ turn.T)
+        yield _Interpretation(text, turn @ poses @ turn.T)
 
 
 def _turns() -> Iterator[tuple[str, Float64Array]]:
@@ -174,7 +174,7 @@ def _turns() -> Iterator[tuple[str, Float64Array]]:
 
 def _scales(
     way: Float64Array, result: Float64Array, first: Int64Array, last: Int64Array
-) -> Iterator[_Reading]:
+) -> Iterator[_Interpretation]:
     """Yield a result of another scale."""
     lengths = _lengths(_motions(result, first, last))
     if not len(lengths) or np.median(lengths) <= 0:
@@ -183,7 +183,7 @@ def _scales(
     if abs(np.log(scale)) > _SAME_SCALE:
         scaled = result.copy()
         scaled[:, :3, 3] *= scale
-        yield _Reading(
+        yield _Interpretation(
             f'scaled by {scale:.4g}, as that of one camera has to be; give --align sim3', scaled
         )
 
