@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from kitti_ros2.player.program import Program
 
-ENVIRONMENT = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': '77'}
+ENVIRONMENT = {'ROS_DOMAIN_ID': '77', **os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 PROCESSES = Path(__file__).with_name('play_processes.py')
 
 
