@@ -32,7 +32,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from kitti_ros2.files.local_files import sync_tree
 
-from .yardsticks import COMMAND, fresh, make_parser
+# A package here, single scripts to the type checker.
+from .yardsticks import COMMAND, fresh, make_parser  # type: ignore[import-not-found]
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -312,7 +313,15 @@ class Table:
     def _kitti2mcap(self) -> Work:
         out, date = self.folder / 'peer.mcap', self.src.parent
         drive = self.src.name.split('_')[4] if self.src.name.count('_') == 5 else ''
-        words = ['kitti2mcap', '--date', date.name, '--drive', drive, '--kitti-dir', date.parent]
+        words: list[str | Path] = [
+            'kitti2mcap',
+            '--date',
+            date.name,
+            '--drive',
+            drive,
+            '--kitti-dir',
+            date.parent,
+        ]
         words += ['--cameras', '0,1,2,3', '--output', out]
         return Work('kitti2mcap', words, out, 'kitti2mcap')
 

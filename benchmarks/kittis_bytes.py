@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 from shutil import copy
 from statistics import mean
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zstandard
@@ -121,7 +121,7 @@ def _costs(
     points: npt.NDArray[np.float32], path: Path, cloud: bytes, octets: bytes, repeat: int
 ) -> list[float]:
     """Return CPU seconds: encoding, zstd, decoding, the file of that, unzstd."""
-    message = TYPESTORE.deserialize_cdr(cloud, COMPRESSED_POINTS)
+    message: Any = TYPESTORE.deserialize_cdr(cloud, COMPRESSED_POINTS)
     packed = message.compressed_data.tobytes()
     rest, data = compact(points).rest, points.tobytes()
     decoded = decode_points(packed, read_header(packed)).view('<f4').reshape(-1, 4)

@@ -13,6 +13,7 @@ import os
 import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,7 +97,7 @@ def write_mcap(drive: str, out: str) -> None:
                 channels[topic] = writer.register_channel(topic, 'cdr', schema)
             data = bytes(store.serialize_cdr(message, msgtype))
             writer.add_message(channels[topic], stamp_ns, data, stamp_ns)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def read_write(bag: str, out: str) -> None:
@@ -213,10 +214,9 @@ def write_differences(drive: str, out: str) -> None:
 
 def deflate(folder: str) -> None:
     """Deflate what write_differences has written, on all cores."""
-    try:
+    library: Any = zlib
+    with suppress(ImportError):
         from zlib_ng import zlib_ng as library
-    except ImportError:
-        library = zlib
 
     def pack(path: Path) -> None:
         packer = library.compressobj(1, zlib.DEFLATED, 15, 8, zlib.Z_HUFFMAN_ONLY)
