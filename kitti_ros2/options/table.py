@@ -113,9 +113,7 @@ class PlaySettings:
     stamps: Stamps = choice(
         Stamps.ORIGINAL, 'Stamps of the recording, or the current time without /clock', Stamps
     )
-    read_ahead: int = option(
-        8, 'Frames to read ahead; lossless, two at most', parse_integer, bounds=(1, 1000)
-    )
+    read_ahead: int = option(8, 'Frames to read ahead', parse_integer, bounds=(1, 1000))
     qos_overrides_path: Path | None = option(
         None,
         'QoS by topic, a file as ros2 bag play takes it',

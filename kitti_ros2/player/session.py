@@ -191,8 +191,6 @@ LAST_WAIT_S = 1.4
 _STOPPED_WAIT_S = 0.4
 _PATIENCE_S = 0.2
 _LONG_GAP_NS = 20_000_000
-_FRAMES_AHEAD_LOSSLESS = 2
-"""Enough where subscribers set the pace: more would leave the caches before it is sent."""
 
 
 # How long a decoding thread may keep the interpreter while a message is due.
@@ -313,11 +311,8 @@ class Session:
 
     def _play(self) -> None:
         frames = len(set(self.program.frames.tolist()))
-        frames_ahead, lossless = self._settings.read_ahead, self._settings.playback.lossless
-        if lossless:
-            frames_ahead = min(frames_ahead, _FRAMES_AHEAD_LOSSLESS)
-        samples = -(-len(self.program.stamps_ns) * frames_ahead // frames)
-        with ReadAhead(self.program, samples, polite=not lossless) as ahead:
+        samples = -(-len(self.program.stamps_ns) * self._settings.read_ahead // frames)
+        with ReadAhead(self.program, samples, polite=not self._settings.playback.lossless) as ahead:
             ahead.want(self._transport.query_wanted())
             ahead.refill()
             self._prepare(0, ahead)

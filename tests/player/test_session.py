@@ -158,23 +158,6 @@ def test_without_a_wait_it_begins_at_once(settings):
     assert run.said == []
 
 
-def test_lossless_reads_two_frames_ahead_at_most():
-    transport = FakeTransport((1, 1))
-    program = SmallProgram()
-    fetch, fetched, ahead = program.fetch, set(), []
-
-    def fetch_and_count(index, wanted):
-        fetched.add(index)
-        ahead.append(index - transport.happened.count(IMU))
-        return fetch(index, wanted)
-
-    program.fetch = fetch_and_count
-    transport.has_room = lambda: len(fetched) >= 2
-    Run(transport, program, lossless=True, wait_for=0, read_ahead=6).to_the_end()
-    assert fetched == set(range(POSITIONS))
-    assert max(ahead) <= 2
-
-
 def test_the_wait_ends_by_a_stop():
     transport = FakeTransport((0, 0))
     run = Run(transport, lossless=True)
