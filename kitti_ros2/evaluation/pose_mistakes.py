@@ -29,6 +29,7 @@ _SCANNER = 'x forward, y left, z up'
 _SAME_SCALE = 0.1
 _LATEST_FRAMES, _APART = 20, 10
 _LATE_BEFORE = 0.8  # tolerances: a scale that is off looks like another time by less
+_LATE_AFTER = 0.4  # other drives have much the same speeds
 _FEWER = 0.9
 _TELLING = 0.75  # of the frames, those whose speed or turn says most about the time
 
@@ -212,6 +213,7 @@ def _late(
         if (
             change.explains
             and np.median(change.before) > _LATE_BEFORE
+            and middle < _LATE_AFTER
             and (best is None or middle < best[0])
         ):
             best = middle, late
