@@ -56,11 +56,6 @@ class Change(NamedTuple):
             and float(np.mean(self.after < self.before)) >= _IMPROVED
         )
 
-    @property
-    def agreeing(self) -> int:
-        """Number of pairs that agree afterwards."""
-        return int(np.count_nonzero(self.after <= 1))
-
 
 def diagnose_detections(
     source: str,
@@ -294,9 +289,10 @@ def _diagnose_boxes(source: str, labels: ObjectTable, detections: ObjectTable) -
         changes = [(_change(error, truth, boxes, row.undo(boxes)), row) for row in mistakes]
         explaining = [pair for pair in changes if pair[0].explains]
         if explaining:
-            change, row = min(explaining, key=lambda pair: float(np.median(pair[0].after)))
+            _, row = min(explaining, key=lambda pair: float(np.median(pair[0].after)))
             boxes = row.undo(boxes)
-            yield f'{source}: {row.text.format(agreeing=change.agreeing, count=len(change.after))}'
+            agreeing = int(np.count_nonzero(error(truth, boxes) <= 1))
+            yield f'{source}: {row.text.format(agreeing=agreeing, count=len(label))}'
 
 
 def _change(error: _Compare, truth: _Solids, boxes: _Solids, undone: _Solids) -> Change:

@@ -506,9 +506,10 @@ def _mistakes(
 ) -> Sequence[str]:
     """Return notes on the usual mistakes in a result, given N matched poses of both."""
     by_line = result.numbers is not None and np.array_equal(result.numbers, range(len(result)))
-    of_lines = [*diagnose_keyframes(result.source, truth.trajectory.poses, result.poses)]
-    if by_line and of_lines:
-        return of_lines
+    if by_line:
+        notes = [*diagnose_keyframes(result.source, truth.trajectory.poses, result.poses)]
+        if notes:
+            return notes
     return [*diagnose_poses(result.source, numbers, poses, at_frames)]
 
 
