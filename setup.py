@@ -46,6 +46,7 @@ REQUIREMENTS = [
     'mcap>=1.3,<2',
     'numpy>=1.26,<3',
     'opencv-python-headless>=4.10.0.82,<6',
+    'pillow>=10.2,<14',
     'pyyaml>=6.0.1,<7',
     'rich>=13.7,<16',
     'rosbags>=0.11.9,<0.12',

@@ -37,6 +37,7 @@ ROSDEP_KEYS = {
     'python3-matplotlib',
     'python3-numpy',
     'python3-opencv',
+    'python3-pil',
     'python3-pytest',
     'python3-pytest-timeout',
     'python3-rich',
@@ -61,6 +62,7 @@ KEY_OF = {
     'jinja2': 'python3-jinja2',
     'numpy': 'python3-numpy',
     'opencv-python-headless': 'python3-opencv',
+    'pillow': 'python3-pil',
     'pyyaml': 'python3-yaml',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
@@ -70,6 +72,7 @@ KEY_OF = {
 # Where the name to import differs from the name to install.
 INSTALLED_AS = {
     'mcap_protobuf': 'mcap-protobuf-support',
+    'PIL': 'pillow',
     'cv2': 'opencv-python-headless',
     'foxglove': 'foxglove-sdk',
     'rerun': 'rerun-sdk',
@@ -259,8 +262,8 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
     groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
     extras = {
-        'cluster', 'clouds', 'docs', 'eval', 'foxglove', 'plot', 'png', 'remote', 'rerun', 'ros',
-        'test', 'video',
+        'cluster', 'clouds', 'docs', 'eval', 'foxglove', 'plot', 'png', 'remote',
+        'rerun', 'ros', 'test', 'video',
     }  # fmt: skip
     assert set(groups) == {'', *extras}
     for lines in groups.values():
@@ -372,7 +375,10 @@ def test_every_code_file_has_its_licence_header() -> None:
     header = (
         '# SPDX-FileCopyrightText: The kitti_ros2 authors\n# SPDX-License-Identifier: Apache-2.0\n'
     )
-    names = ('setup.py', 'setup.cfg', '.dockerignore', 'CITATION.cff', 'Dockerfile', 'try.sh')
+    names = (
+        'setup.py', 'setup.cfg', '.dockerignore', 'CITATION.cff', 'Dockerfile',
+        'try.sh',
+    )  # fmt: skip
     files = [*(REPO / name for name in names), *(REPO / '.ci').iterdir()]
     files += (REPO / '.github').rglob('*.yml')
     for folder in ('kitti_ros2', 'tests', 'launch', 'benchmarks', 'config', 'docs', 'examples'):

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
 # kitti-ros2 view, as pictures and films.
 
-_MOVIE = '.mp4'
 _ON_IMAGES = ('camera', 'boxes', 'lidar', 'panel')
 _OF_POINTS = ('lidar', 'bev', 'perspective', 'panel')
 _MODES_OF = {
@@ -66,7 +65,7 @@ def run_view(src: Path, out: Path, given: Mapping[str, object], *, quiet: bool) 
 
     Args:
         src: The folder or bag.
-        out: A picture, a film (.mp4), or a folder for a PNG of each frame.
+        out: A picture, a film (.mp4, .gif), or a folder for a PNG of each frame.
         given: Options by name.
         quiet: Print only losses.
 
@@ -137,7 +136,7 @@ def _draw(
         rate_hz = settings.rate_hz or rate_of(source, numbers)
         description = _write(out, pictures, rate_hz, tally, overwrite=settings.overwrite)
     if not quiet:
-        film = [NO_H264] * (out.suffix.lower() == _MOVIE and not has_h264())
+        film = [NO_H264] * (out.suffix.lower() == '.mp4' and not has_h264())
         idle = _idle_options(settings, source, single=single)
         classes = _missing_classes(settings, source, tally.kinds)
         for note in (*source.guess_notes, *idle, *classes, *film):
@@ -217,20 +216,21 @@ def _numbers(settings: ViewSettings, source: RecordingFrames, *, single: bool) -
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
     """Raise for invalid arguments before anything is read."""
     from ..pictures.panel import MODES
-    from ..pictures.series import PICTURES
+    from ..pictures.series import FILMS, PICTURES
 
     if settings.mode not in MODES:
         raise not_one_of('mode', settings.mode, list(MODES))
     if single and settings.frames is not None:
         raise UsageError(
-            f'{out}: one picture takes --frame N; for --frames give a film (.mp4) or a folder'
+            f'{out}: one picture takes --frame N; for --frames give a film (.mp4, .gif) or a folder'
         )
     if single and settings.selection.end is not None:
         raise UsageError(
-            f'{out}: one picture takes --frame N or --start; --end is for a film (.mp4) or folder'
+            f'{out}: one picture takes --frame N or --start; --end is for a film (.mp4, .gif) or'
+            ' folder'
         )
-    if not single and out.suffix and out.suffix.lower() != _MOVIE and not out.is_dir():
-        endings = ', '.join((*PICTURES, _MOVIE))
+    if not single and out.suffix and out.suffix.lower() not in FILMS and not out.is_dir():
+        endings = ', '.join((*PICTURES, *FILMS))
         raise UsageError(f'{out}: unsupported ending; expected {endings}, or none for a folder')
 
 
@@ -248,7 +248,7 @@ def _write(
         MissingDataError: There are no pictures.
     """
     from ..files.staging import staged, staged_file
-    from ..pictures.series import PICTURES, Movie, keep_all_but_pictures, write_picture
+    from ..pictures.series import FILMS, PICTURES, Movie, keep_all_but_pictures, write_picture
 
     refusal = keep_all_but_pictures if overwrite else keep_all
     if out.suffix.lower() in PICTURES:
@@ -258,14 +258,13 @@ def _write(
                 shape = f'{picture.shape[1]}x{picture.shape[0]}'
             tally.check()
         return f'{shape}, {format_bytes(out.stat().st_size)}'
-    if out.suffix.lower() == _MOVIE:
+    if out.suffix.lower() in FILMS:
         with staged_file(out, refusal) as path:
             with Movie(path, rate_hz) as movie:
                 for _, picture in pictures:
                     movie.write(picture)
             tally.check()
-        size = format_bytes(out.stat().st_size)
-        return f'{movie.codec}, {rate_hz:.4g} a second, {size}'
+        return f'{movie.description}, {format_bytes(out.stat().st_size)}'
     with staged(out, lambda _: 'it holds something; choose another name') as folder:
         for number, picture in pictures:
             write_picture(folder / f'{number:06d}.png', picture)
@@ -419,7 +418,7 @@ def view(
     out: Annotated[
         Optional[Path],
         out_option(
-            'Picture (.png, .jpg, .webp), film (.mp4) or folder of pictures',
+            'Picture (.png, .jpg, .webp), film (.mp4, .gif) or folder of pictures',
             rich_help_panel='Pictures',
         ),
     ] = None,

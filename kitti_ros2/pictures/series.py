@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import struct
 from fractions import Fraction
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -187,14 +189,16 @@ def rate_of(source: RecordingFrames, numbers: Sequence[int]) -> float:
     return min(max(NS_PER_S / period, _LEAST_HZ), _MOST_HZ) if period > 0 else _NOMINAL_HZ
 
 
-# MP4 films of pictures.
+# Films of pictures: MP4 and GIF.
 #
 # PyAV (the extra video) encodes H.264, which every player and browser supports; without it OpenCV
-# encodes MPEG-4 Part 2, which players support and browsers do not.
+# encodes MPEG-4 Part 2, which players support and browsers do not. GIF is for pages that show no
+# other film.
 
+FILMS = ('.mp4', '.gif')
 NO_H264 = (
     'the film is MPEG-4 Part 2, which browsers do not show, as PyAV is not installed; for H.264 run'
-    " pip install 'kitti_ros2[video]'"
+    " pip install 'kitti_ros2[video]', or write a .gif"
 )
 
 _CONSTANT_QUALITY = '20'
@@ -217,19 +221,27 @@ class Movie:
     Pictures of another size than the first are scaled to fit.
 
     Args:
-        path: The file to write, ending in .mp4.
+        path: The file to write, ending in one of FILMS.
         rate_hz: Pictures per second.
 
     Attributes:
-        codec: Display name of the codec.
+        description: The format, for display.
     """
 
     def __init__(self, path: Path, rate_hz: float) -> None:
         self._path = path
-        self._rate_hz = rate_hz
-        self._encoder: _H264 | _Mpeg4 | None = None
+        self._kind: type[_Gif | _H264 | _Mpeg4] = _H264 if has_h264() else _Mpeg4
+        if path.suffix.lower() == '.gif':
+            self._kind = _Gif
+        self._rate_hz = min(rate_hz, self._kind.most_hz)
+        self._encoder: _Gif | _H264 | _Mpeg4 | None = None
         self._size = (0, 0)
-        self.codec = 'H.264' if has_h264() else 'MPEG-4 Part 2'
+
+    @property
+    def description(self) -> str:
+        """The format, size and rate."""
+        width, height = self._size
+        return f'{self._kind.name}, {width}x{height}, {self._rate_hz:.4g} a second'
 
     def __enter__(self) -> Self:
         return self
@@ -245,9 +257,11 @@ class Movie:
             MovieError: The encoder fails.
         """
         if self._encoder is None:
-            self._size = (_even(picture.shape[1]), _even(picture.shape[0]))
-            kind = _H264 if has_h264() else _Mpeg4
-            self._encoder = kind(self._path, self._rate_hz, self._size)
+            height, width = picture.shape[:2]
+            scale = min(1.0, self._kind.longest_side / max(height, width))
+            step = self._kind.step
+            self._size = (_multiple(width * scale, step), _multiple(height * scale, step))
+            self._encoder = self._kind(self._path, self._rate_hz, self._size)
         self._encoder.write(fitted(picture, self._size))
 
 
@@ -269,7 +283,7 @@ def fitted(picture: Pixels, size: tuple[int, int]) -> Pixels:
         return picture
     scale = min(width / picture.shape[1], height / picture.shape[0])
     if abs(scale - 1) > 0.01:
-        shape = (max(1, int(picture.shape[1] * scale)), max(1, int(picture.shape[0] * scale)))
+        shape = [max(1, round(length * scale)) for length in picture.shape[1::-1]]
         picture = np.asarray(cv2.resize(picture, shape, interpolation=cv2.INTER_AREA))
     picture = picture[:height, :width]
     fit = np.zeros((height, width, 3), dtype=np.uint8)
@@ -278,12 +292,16 @@ def fitted(picture: Pixels, size: tuple[int, int]) -> Pixels:
     return fit
 
 
-def _even(length: int) -> int:
-    """Round down to an even length, as video stores colour for pairs of pixels."""
-    return max(2, length - length % 2)
+def _multiple(length: float, step: int) -> int:
+    """Round to whole pixels, and down to a multiple of a step."""
+    return max(step, round(length) // step * step)
 
 
 class _H264:
+    name = 'H.264'
+    longest_side = most_hz = inf
+    step = 2  # video stores colour for pairs of pixels
+
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int]) -> None:
         import av  # noqa: PLC0415 - an extra
 
@@ -305,6 +323,10 @@ class _H264:
 
 
 class _Mpeg4:
+    name = 'MPEG-4 Part 2'
+    longest_side = most_hz = inf
+    step = 2  # video stores colour for pairs of pixels
+
     def __init__(self, path: Path, rate_hz: float, size: tuple[int, int]) -> None:
         import cv2  # noqa: PLC0415 - 0.2 s that a command which draws nothing does not need
 
@@ -333,13 +355,49 @@ class _Mpeg4:
             )
 
 
+class _Gif:
+    """Each picture with its own 256 colours, written at once: a long film takes no memory."""
+
+    name = 'GIF'
+    longest_side = 960.0  # as wide as a page, and half a panel; larger files load slowly
+    step = 1
+    most_hz = 50.0  # browsers slow down pictures of less than two hundredths of a second
+
+    def __init__(self, path: Path, rate_hz: float, size: tuple[int, int]) -> None:
+        self._path = path
+        self._rate_hz = rate_hz
+        self._written = 0
+        forever = b'!\xff\x0bNETSCAPE2.0\x03\x01\0\0\0'
+        path.write_bytes(struct.pack('<6sHHBBB', b'GIF89a', *size, 0x70, 0, 0) + forever)
+
+    def write(self, picture: Pixels) -> None:
+        from PIL import GifImagePlugin, Image  # noqa: PLC0415 - for this format only
+
+        colours = Image.fromarray(np.ascontiguousarray(picture[..., ::-1])).quantize(
+            method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+        )
+        start, end = (round(100 * n / self._rate_hz) for n in (self._written, self._written + 1))
+        data = GifImagePlugin.getdata(
+            colours, duration=10 * (end - start), include_color_table=True
+        )
+        self._append(b''.join(data))
+        self._written += 1
+
+    def close(self) -> None:
+        self._append(b';')
+
+    def _append(self, data: bytes) -> None:
+        with self._path.open('ab') as file:
+            file.write(data)
+
+
 # Writing of pictures in the format of their file names; the files that --overwrite may replace.
 
 
 # An MP4 file begins with the length of its first box, which is short.
-_FILMS = tuple(bytes([0, 0, 0, length]) for length in range(16, 64))
+_MP4 = tuple(bytes([0, 0, 0, length]) for length in range(16, 64))
 keep_all_but_pictures = keep_all_but_files(
-    'picture or film', (b'\x89PNG', b'\xff\xd8\xff', b'RIFF', *_FILMS)
+    'picture or film', (b'\x89PNG', b'\xff\xd8\xff', b'RIFF', b'GIF8', *_MP4)
 )
 """The refusal for --overwrite: it replaces only pictures and films."""
 

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from builders import one_line
+from PIL import Image
 from prediction_set import RESULTS, line, track_lines, write_prediction_set
 
 from kitti_ros2.cli import main
@@ -90,6 +91,45 @@ def test_a_film(recordings, tmp_path, monkeypatch, h264, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['out.mp4', 'two.png']
 
 
+@pytest.mark.parametrize(
+    ('layout', 'mode', 'size'),
+    [
+        (Layout.RAW, 'bev', (686, 960)),
+        (Layout.OBJECT, 'panel', (960, 540)),
+        (Layout.TRACKING, 'boxes', (310, 94)),
+    ],
+)
+def test_a_film_for_a_page(recordings, tmp_path, layout, mode, size):
+    source, out = str(recordings[layout]), tmp_path / 'out.GIF'
+    words = ['view', source, '--mode', mode, '-q', '-o']
+    assert main([*words, str(out), '--frames', '1:3']) == 0
+    assert main([*words, str(tmp_path / 'two.png'), '--frame', '2']) == 0
+    with Image.open(out) as film:
+        assert (film.n_frames, film.info['loop'], film.info['duration']) == (3, 0, 100)
+        assert film.size == size
+        film.seek(1)
+        picture = np.asarray(film.convert('RGB'))[..., ::-1].astype(int)
+    original = cv2.imread(str(tmp_path / 'two.png'))
+    difference = picture - cv2.resize(original, size, interpolation=cv2.INTER_AREA)
+    assert np.abs(difference).mean() < 6
+
+
+@pytest.mark.parametrize(('fps', 'expected'), [(3, [330, 340, 330]), (60, [20, 20, 20])])
+def test_a_film_for_a_page_keeps_its_pace_in_hundredths(
+    recordings, tmp_path, fps, expected, capsys
+):
+    out = tmp_path / 'out.gif'
+    words = ['view', str(recordings[Layout.RAW]), '--mode', 'camera', '--frames', '1:3']
+    assert main([*words, '-o', str(out), f'--fps={fps}']) == 0
+    assert f', {min(fps, 50)} a second, ' in capsys.readouterr().out
+    with Image.open(out) as film:
+        shown = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            shown.append(film.info['duration'])
+    assert shown == expected
+
+
 def test_points_by_class_need_labels(recordings, tmp_path, capsys):
     out = tmp_path / 'out.png'
     for layout, reason in (
@@ -145,7 +185,7 @@ def test_wrong_frames(recordings, tmp_path, frames, capsys):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize('name', ['out.png', 'out.mp4', 'out'])
+@pytest.mark.parametrize('name', ['out.png', 'out.mp4', 'out.gif', 'out'])
 def test_what_is_there_is_kept(recordings, tmp_path, name, capsys):
     out = tmp_path / name
     if out.suffix:
@@ -178,7 +218,7 @@ def test_nowhere_to_draw_to(recordings, capsys):
     assert '-o' in one_line(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize('name', ['out.png', 'out.mp4'])
+@pytest.mark.parametrize('name', ['out.png', 'out.mp4', 'out.gif'])
 def test_overwrite_touches_nothing_else(recordings, tmp_path, name, capsys):
     out = tmp_path / name
     out.write_text('a note of mine')
@@ -348,7 +388,7 @@ def test_a_picture_shows_the_first_frame_from_the_start_on(recordings, tmp_path)
     [
         ('o.png', ['--frame', '1', '--start', '2'], '--frame does not go with --start and --end'),
         ('o', ['--frames', '1:2', '--end', '2'], '--frames does not go with --start and --end'),
-        ('o.png', ['--end', '2'], '--end is for a film (.mp4) or folder'),
+        ('o.png', ['--end', '2'], '--end is for a film (.mp4, .gif) or folder'),
         ('o', ['--start', '9'], 'the selection takes no frame; it has 0 to 4'),
         ('o', ['--start', '3', '--end', '1'], 'the end (frame 1) is before the start (frame 3)'),
         ('o', ['--topics', '/tf'], '--exclude-topics go with --rerun'),
