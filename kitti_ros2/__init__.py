@@ -127,10 +127,15 @@ __all__ = [
 ]
 
 
+_PACKAGES = ('datasets', 'evaluation')
 _load = lazy_names(__name__, _MODULES)
 
 
-def _load_or_version(name: str) -> object:
+def _load_any(name: str) -> object:
+    if name in _PACKAGES:
+        from importlib import import_module  # noqa: PLC0415 - as in lazy_names
+
+        return import_module(f'{__name__}.{name}')
     if name != '__version__':
         return _load(name)
     from importlib import metadata  # noqa: PLC0415 - 22 ms
@@ -142,8 +147,8 @@ def _load_or_version(name: str) -> object:
 
 
 if not TYPE_CHECKING:  # a type checker would accept any name
-    __getattr__ = _load_or_version
+    __getattr__ = _load_any
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, '__version__', *({'datasets', 'evaluation'} & globals().keys())})
+    return sorted((*__all__, *_PACKAGES, '__version__'))
