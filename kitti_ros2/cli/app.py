@@ -55,7 +55,7 @@ _COMMANDS = {
     'crop': ('crop_split', 'Cut scans by view, box, range, height, lasers or voxels.'),
     'split': ('crop_split', 'Divide a data set into lists such as train.txt, or check lists.'),
     'stacks': ('stacks', 'List the stacks that --for knows, or show and set up one of them.'),
-    'demo': ('demo', 'Write a synthetic recording, convert it, and summarize it.'),
+    'demo': ('demo', 'Write a synthetic recording, convert it, and draw a frame.'),
     'eval detection': ('eval', "Score detections: average precision as KITTI's object benchmark."),
     'eval odometry': ('eval', "Score a trajectory: KITTI's segment errors, APE and RPE."),
     'eval tracking': ('eval', 'Score tracks: HOTA, CLEAR-MOT and IDF1 of cars and pedestrians.'),

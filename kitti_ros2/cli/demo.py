@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -17,16 +19,19 @@ from .command import OverwriteOption, QuietOption, argument, choice
 from .info import inspect_source, print_overview
 from .output import format_path, step_progress
 from .to_bag import to_bag
+from .view import run_view
 
 _NEXT = """
 What to do next:
-  kitti-ros2 view {bag} -o frame.png
+{activation}  kitti-ros2 view {bag} -o street.gif --mode boxes
   kitti-ros2 report {bag} --open
   kitti-ros2 play {bag} --foxglove    # in Foxglove, without ROS
   kitti-ros2 play {bag} --loop        # in ROS 2, such as for RViz
   kitti-ros2 info {recording}
   kitti-ros2 to-bag YOUR_KITTI_FOLDER drive.mcap
 or open the .mcap file in {bag} with Foxglove; the frame to fix is map.
+
+A picture of its first frame: {picture}
 """
 
 
@@ -46,7 +51,7 @@ def demo(
     overwrite: OverwriteOption = False,
     quiet: QuietOption = False,
 ) -> int:
-    """Write a synthetic recording, convert it, and summarize it.
+    """Write a synthetic recording, convert it, and draw a frame.
 
     Examples:
       kitti-ros2 demo
@@ -61,9 +66,9 @@ def demo(
 
     kind = make_settings({'layout': layout}).read.layout
     options = SyntheticOptions(frames=frames, seed=seed)
-    recording, bag = out / 'kitti', out / 'bag'
+    recording, bag, picture = out / 'kitti', out / 'bag', out / 'panel.png'
     refuse_link(out)
-    for path in (recording, bag):
+    for path in (recording, bag, picture):
         if path.exists() and not overwrite:
             raise OutputExistsError(path, 'name another folder, or pass --overwrite')
     if kind is None:
@@ -75,7 +80,18 @@ def demo(
         inside = os.path.relpath(recording_folder, os.path.realpath(stage))
     source = recording / inside
     code = to_bag(source, bag, layout=layout, overwrite=overwrite, quiet=quiet)
+    code = max(code, run_view(bag, picture, {'overwrite': overwrite}, quiet=True))
     if not quiet:
         print_overview(inspect_source(bag, ReadOptions()))
-        sys.stdout.write(_NEXT.format(recording=format_path(source), bag=bag))
+        names = {'activation': _activation(), 'bag': bag, 'picture': picture}
+        sys.stdout.write(_NEXT.format(recording=format_path(source), **names))
     return code
+
+
+def _activation() -> str:
+    """Return the line that puts the command on the path, empty if it is there."""
+    programs = Path(sys.prefix, 'bin')
+    on_path = shutil.which('kitti-ros2') == str(programs / 'kitti-ros2')
+    if on_path or not (programs / 'activate').is_file():
+        return ''
+    return f'  . {shlex.quote(str(programs / "activate"))}\n'

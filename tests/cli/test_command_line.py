@@ -15,6 +15,7 @@ import threading
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import cv2
 import foreign
 import numpy as np
 import pytest
@@ -337,6 +338,7 @@ def test_info_counts_what_is_missing(drive, capsys):
 
 def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('PATH', '/usr/bin')
     monkeypatch.setenv('COLUMNS', '80')
     assert main(['demo', 'd', '--frames', '2']) == 0
     said = capsys.readouterr().out
@@ -358,8 +360,28 @@ def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     for words in next_steps[:2]:
         assert main([word for word in words[1:] if word != '--open']) == 0
     assert (tmp_path / 'd' / 'bag' / 'metadata.yaml').is_file()
+    assert said.endswith('\nA picture of its first frame: d/panel.png\n')
+    assert cv2.imread('d/panel.png').size > 1_000_000
     assert main(['demo', 'd', '--frames', '2']) == 2
     assert main(['demo', 'd', '--frames', '2', '--overwrite', '-q']) == 0
+
+
+@pytest.mark.parametrize('place', ['', 'not on the path', 'on the path'])
+def test_the_next_steps_begin_with_the_activation_of_the_environment(
+    tmp_path, capsys, monkeypatch, place
+):
+    """Only where the command is in an environment that is not active."""
+    programs = tmp_path / 'an environment/bin'
+    programs.mkdir(parents=True)
+    for name in ('activate', 'kitti-ros2') if place else ():
+        (programs / name).touch(mode=0o755)
+    monkeypatch.setattr(sys, 'prefix', str(programs.parent))
+    monkeypatch.setenv('PATH', str(programs) if place == 'on the path' else '/usr/bin')
+    assert main(['demo', str(tmp_path / 'd'), '--frames', '1']) == 0
+    steps = capsys.readouterr().out.partition('What to do next:\n')[2]
+    words = shlex.split(steps.splitlines()[0])
+    expected = ['.', f'{programs}/activate'] if place == 'not on the path' else ['kitti-ros2']
+    assert words[: len(expected)] == expected
 
 
 def test_a_demo_that_the_disk_refuses_is_named(tmp_path, capsys, monkeypatch):
@@ -378,7 +400,7 @@ def test_a_demo_replaces_its_own_recording_only(layout, tmp_path, capsys):
     words = ['demo', str(tmp_path / 'd'), '--frames', '2', '--layout', layout.value, '-q']
     assert main(words) == 0
     assert main([*words, '--overwrite']) == 0
-    assert sorted(path.name for path in (tmp_path / 'd').iterdir()) == ['bag', 'kitti']
+    assert sorted(path.name for path in (tmp_path / 'd').iterdir()) == ['bag', 'kitti', 'panel.png']
     (tmp_path / 'd/kitti/thesis.pdf').touch()
     assert main([*words, '--overwrite']) == 2
     assert 'it is no KITTI data set' in capsys.readouterr().err
