@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from ..drawing.labelled_objects import (
+    BESIDE,
     INK,
     OTHER_COLOR,
     SEMANTIC_COLORS,
@@ -22,8 +24,11 @@ from ..model.errors import format_count
 from .recording_statistics import DIFFICULTIES, TRUNCATIONS, RouteStatistics, merged
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from .recording_statistics import Distribution, ObjectStatistics, RecordingStatistics
     from .set_statistics import SetStatistics
@@ -41,15 +46,6 @@ _STRENGTHS = (1.0, 0.62, 0.34, 0.14, 0.06)
 _MOST_LINES = 5
 _ROWS_POINTS = 130
 """Height of the rows of a panel, in points of 1/72 inch."""
-_ABOVE: dict[str, Any] = {
-    'loc': 'lower left',
-    'bbox_to_anchor': (-0.02, 0.985),
-    'borderaxespad': 0,
-    'handlelength': 0.9,
-    'columnspacing': 0.9,
-    'handletextpad': 0.35,
-}
-"""Position of a legend between title and axes."""
 _SEMANTIC = {name: SEMANTIC_COLORS[number] for number, name in SEMANTIC_NAMES.items()}
 
 
@@ -129,12 +125,7 @@ def _stacked(get: Callable[[ObjectStatistics], Any], names: Sequence[str]) -> Dr
                 axes.barh(row, share, 0.72, start, color=color, edgecolor='white', lw=0.4)
                 start += share
         handles = [Patch(facecolor=INK, alpha=s) for _, s in zip(names, _STRENGTHS, strict=False)]
-        axes.legend(
-            handles,
-            [_short_name(name) for name in names],
-            ncols=len(names),
-            **_ABOVE,
-        )
+        axes.legend(handles, [_short_name(name) for name in names], **BESIDE)
         axes.set_xlim(0, 100)
 
     return draw
@@ -162,9 +153,7 @@ def _lines(get: Callable[[ObjectStatistics], Distribution], *, even: bool) -> Dr
         axes.set_ylim(bottom=0)
         axes.set_ylabel('% of the class')
         title = f'{_MOST_LINES} of {len(names)} classes' if len(names) > _MOST_LINES else None
-        axes.legend(
-            loc='best', handlelength=1.0, labelspacing=0.25, title=title, title_fontsize=6.5
-        )
+        axes.legend(title=title, **BESIDE)
 
     return draw
 
@@ -224,7 +213,7 @@ def _draw_sizes(axes: Any, total: RecordingStatistics, classes: Sequence[str]) -
             )
     for name, mark in (('length', 'o'), ('width', 's'), ('height', '^')):
         axes.plot([], [], mark, color=INK, ms=3.6, label=name)
-    axes.legend(ncols=3, **_ABOVE)
+    axes.legend(**BESIDE)
     axes.set_xlim(left=0)
 
 
@@ -309,7 +298,7 @@ PANELS = (
 
 _COLUMNS = (3, 4)
 """Possible numbers of columns for a single set; the one with fewer gaps is chosen."""
-_PANEL_INCHES = (3.3, 2.5)
+_PANEL_INCHES = (3.7, 2.5)
 _TITLE: dict[str, Any] = {'size': 11, 'weight': 'bold'}
 
 
@@ -331,12 +320,13 @@ def draw_statistics(sets: Sequence[SetStatistics], titles: Sequence[str], path: 
     rows = max(len(panels) if len(sets) > 1 else -(-len(panels) // columns), 1)
     width, height = _PANEL_INCHES
     with plot_file(path, (width * columns, height * rows + 0.4), h_pad=0.08) as figure:
-        grid = figure.subplots(rows, columns, squeeze=False)
         if len(sets) > 1:
+            grid = figure.subplots(rows, columns, squeeze=False)
             _draw_side_by_side(grid, panels, totals, titles)
         else:
             figure.suptitle(_heading(titles[0], totals[0]), **_TITLE)
-            _draw_panels(grid.flat, panels, totals * len(panels), totals)
+            all_axes = _full_rows(figure, len(panels), columns)
+            _draw_panels(all_axes, panels, totals * len(panels), totals)
 
 
 def _columns(panels: int) -> int:
@@ -344,6 +334,17 @@ def _columns(panels: int) -> int:
     if panels <= min(_COLUMNS):
         return max(panels, 1)
     return min(_COLUMNS, key=lambda columns: -panels % columns)
+
+
+def _full_rows(figure: Figure, count: int, columns: int) -> Iterator[Axes]:
+    """Yield axes in rows of at most so many columns, each as wide as the figure."""
+    rows = max(-(-count // columns), 1)
+    in_rows = [count // rows + (row < count % rows) for row in range(rows)]
+    cells = math.lcm(*in_rows) or 1
+    grid = figure.add_gridspec(rows, cells)
+    for row, in_row in enumerate(in_rows):
+        for start in range(0, cells, cells // in_row) if in_row else ():
+            yield figure.add_subplot(grid[row, start : start + cells // in_row])
 
 
 def _heading(title: str, total: RecordingStatistics) -> str:
@@ -387,7 +388,7 @@ def _draw_panels(
     shown: Sequence[RecordingStatistics],
     totals: Sequence[RecordingStatistics],
 ) -> None:
-    """Draw panels, each of the statistics of a set, and hide axes without data.
+    """Draw panels, each of the statistics of a set; one without data says so.
 
     Args:
         all_axes: Axes, possibly more than panels.
@@ -397,11 +398,15 @@ def _draw_panels(
     """
     classes = [*merged(totals).classes]
     for axes, panel, total in itertools.zip_longest(all_axes, panels, shown):
-        if panel is None or not panel.has(total):
+        if panel is None:
             axes.set_axis_off()
             continue
-        panel.draw(axes, total, classes)
         axes.set_title(panel.title, loc='left', pad=16)
+        if not panel.has(total):
+            axes.set_axis_off()
+            axes.text(0, 1, 'none in this set', va='top')
+            continue
+        panel.draw(axes, total, classes)
         axes.set_xlabel(panel.label)
         if panel.by_class:
             axes.grid(visible=False, axis='y')

@@ -380,8 +380,9 @@ def draw_perspective(
     point_size: int = 2,
     *,
     named: bool = True,
+    size: tuple[int, int] = SIZE,
 ) -> Pixels:
-    """Draw a scan and boxes in perspective into a new picture of SIZE.
+    """Draw a scan and boxes in perspective into a new picture.
 
     Args:
         points: (N, 4) x y z in velo_link, metres, and reflectance; None without a scan.
@@ -390,21 +391,24 @@ def draw_perspective(
         colors: The colours of points; depth is the distance from the scanner.
         point_size: Diameter of a point, pixels.
         named: True if boxes have tags.
+        size: (width, height), pixels; below half the width of SIZE nothing is written.
     """
-    picture = new_picture(SIZE, BACKGROUND)
-    projection = view_from_behind()
+    picture = new_picture(size, BACKGROUND)
+    projection = view_from_behind(size)
     _draw_grid(picture, projection)
     layer = None
     if points is not None:
-        pixels, depth, chosen = seen_points(points, projection, SIZE)
+        pixels, depth, chosen = seen_points(points, projection, size)
         order = np.argsort(-depth)  # a nearer point covers those behind it
         shades = colors.shades(points, chosen[order])
-        layer = scatter(pixels[order], shades, SIZE, point_size)
+        layer = scatter(pixels[order], shades, size, point_size)
         colors.paint(picture, layer)
-    _label_grid(picture, projection)
+    legible = size[0] >= SIZE[0] // 2
+    if legible:
+        _label_grid(picture, projection)
     _draw_car(picture, projection)
     draw_wireframes(picture, objects, projection, predictions, named=named)
-    if layer is not None:
+    if layer is not None and legible:
         colors.draw_legend(picture, layer, scale_of(picture))
     return picture
 

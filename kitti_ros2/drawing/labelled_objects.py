@@ -364,6 +364,17 @@ _STYLE: dict[str, Any] = {
     'ytick.color': INK,
 }
 """For matplotlib's rc_context."""
+BESIDE: dict[str, Any] = {
+    'loc': 'upper left',
+    'bbox_to_anchor': (1.02, 1),
+    'borderaxespad': 0,
+    'handlelength': 0.9,
+    'handletextpad': 0.35,
+    'labelspacing': 0.3,
+    'alignment': 'left',
+    'title_fontsize': 6.5,
+}
+"""Position of a legend right of the axes, so that it covers no data."""
 
 _DPI = 200
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..api.arguments import by_name, warn_of
-from ..drawing.labelled_objects import compared, objects_of_boxes, plot_file
+from ..drawing.labelled_objects import BESIDE, compared, objects_of_boxes, plot_file
 from ..files.remote import as_path
 from ..kitti.names import parse_image_set
 from ..kitti.store import STORE
@@ -532,7 +532,7 @@ def _figure(curve: Curve | None, name: str) -> float | None:
 
 # Drawing of the curves of precision and orientation similarity over recall.
 
-_PANEL_INCHES = (2.9, 2.3)
+_PANEL_INCHES = (3.4, 2.3)
 _TITLES = {'2d': '2D', 'aos': 'orientation', 'bev': "bird's-eye view", '3d': '3D'}
 _LINE_STYLES = {
     Difficulty.EASY: ('#2a9d5c', (0, ())),
@@ -579,6 +579,6 @@ def _draw(axes: Any, curves: Mapping[Difficulty, Curve | None]) -> None:  # noqa
             label = f'{level.value} {curve.r40:.2f}'
             axes.plot(recall, 100 * curve.values, color=color, ls=dashes, lw=1.4, label=label)
     if axes.lines:
-        axes.legend(loc='best', title='R40', title_fontsize=7, alignment='left')
+        axes.legend(title='R40', **BESIDE)
     else:
         axes.text(50, 50, 'no objects, or not evaluated', ha='center', va='center')

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..bags.locate import locate_bag, looks_like_bag
-from ..drawing.labelled_objects import INK, plot_file
+from ..drawing.labelled_objects import BESIDE, INK, plot_file
 from ..files.remote import as_path
 from ..messages.naming import FrameNames
 from ..model.errors import (
@@ -591,7 +591,7 @@ def _draw_paths(axes: Any, scores: OdometryScores) -> None:  # noqa: ANN401
     axes.set_aspect('equal', adjustable='datalim')
     axes.set_xlabel('x, m')
     axes.set_ylabel('z, m')
-    axes.legend(loc='best')
+    axes.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0)
 
 
 def _draw_means(
@@ -621,7 +621,7 @@ def _draw_means(
     speeds.grid(visible=False)
     speeds.spines['top'].set_visible(True)
     axes.set_ylim(bottom=0)
-    axes.legend(loc='lower right')
+    axes.legend(**BESIDE)
 
 
 def _draw_ape(axes: Any, scores: OdometryScores) -> None:  # noqa: ANN401 - as above

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from ..drawing.annotate import draw_boxes_2d, draw_wireframes, is_labelled
-from ..drawing.birds_eye import birds_eye, draw_perspective
+from ..drawing.birds_eye import SIZE, birds_eye, draw_perspective
 from ..drawing.labelled_objects import LABEL_CAMERA, compared, objects_of, resized
 from ..drawing.points import PointColors, draw_points
 from ..drawing.projection import Projection
@@ -208,8 +208,10 @@ def paint_scan(window: Pixels, shown: Shown, frame: FrameData, options: PictureO
     draw_points(window, points, projection, colors, options.point_size)
 
 
-def draw_from_behind(frame: FrameData, options: PictureOptions) -> Pixels:
-    """Draw the scan and the boxes in perspective."""
+def draw_from_behind(
+    frame: FrameData, options: PictureOptions, size: tuple[int, int] = SIZE
+) -> Pixels:
+    """Draw the scan and the boxes in perspective, (width, height) pixels."""
     frame = of_classes(frame, options)
     return draw_perspective(
         bird_points(frame),
@@ -218,6 +220,7 @@ def draw_from_behind(frame: FrameData, options: PictureOptions) -> Pixels:
         point_colors(frame, options, ColorBy.HEIGHT),
         options.point_size,
         named=options.named,
+        size=size,
     )
 
 

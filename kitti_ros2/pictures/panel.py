@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 #
 # Left, the camera image three times; right, the view from above, the facts, and the scan by
 # direction. Without images the view from above is on the left, larger, and the path so far on the
-# right.
+# right. Below the facts and the classes is the view from behind.
 
 SIZE = (1920, 1080)
 """(width, height) of the page, pixels."""
@@ -87,6 +87,10 @@ _RIGHT_WIDTH = SIZE[0] - EDGE - _RIGHT
 _FIRST = 48 + TITLE_ROOM
 _STEP = _IMAGE_HEIGHT + TITLE_ROOM + 9
 _MAP_HEIGHT = 2 * ROWS
+_LINE = 22
+"""Height of a line of text, pixels."""
+_MOST_FACTS = 12
+_LEAST_BEHIND = 150
 _LAST = SIZE[1] - EDGE
 _BIRD_WIDTH = 524
 _BIRD_HEIGHT = _LAST - 2 * (_MAP_HEIGHT + TITLE_ROOM + 9) - _FIRST
@@ -96,8 +100,7 @@ BOXES_2D = Area(EDGE, _FIRST, _LEFT_WIDTH, _IMAGE_HEIGHT)
 BOXES_3D = BOXES_2D._replace(top=_FIRST + _STEP)
 LIDAR = BOXES_2D._replace(top=_FIRST + 2 * _STEP)
 BIRD = Area(_RIGHT, _FIRST, _BIRD_WIDTH, _BIRD_HEIGHT)
-FACTS = Area(_SIDE, _FIRST, SIZE[0] - EDGE - _SIDE, 300)
-CLASSES = FACTS._replace(top=_FIRST + 300 + TITLE_ROOM, height=_BIRD_HEIGHT - 300 - TITLE_ROOM)
+_SIDE_PARTS = Area(_SIDE, _FIRST, SIZE[0] - EDGE - _SIDE, _BIRD_HEIGHT)
 DISTANCE = Area(_RIGHT, _LAST - _MAP_HEIGHT, _RIGHT_WIDTH, _MAP_HEIGHT)
 INTENSITY = DISTANCE._replace(top=DISTANCE.top - _MAP_HEIGHT - TITLE_ROOM - 9)
 
@@ -110,16 +113,24 @@ class PanelParts(NamedTuple):
         bird: The view from above.
         route: The path so far.
         maps: The scan by direction: intensity and distance.
+        facts: The facts of the frame.
+        classes: The number of objects of each class.
+        behind: The view from behind, None if facts and classes need its room.
     """
 
     images: tuple[Area, Area, Area] | None
     bird: Area
     route: Area | None
     maps: tuple[Area, Area] | None
+    facts: Area = _SIDE_PARTS
+    classes: Area = _SIDE_PARTS
+    behind: Area | None = None
 
     def titles(self) -> dict[Area, str]:
         """Return the title of each part."""
-        names = {self.bird: "Bird's-eye view", FACTS: 'Facts', CLASSES: 'Classes'}
+        names = {self.bird: "Bird's-eye view", self.facts: 'Facts', self.classes: 'Classes'}
+        if self.behind:
+            names[self.behind] = 'View from behind'
         if self.images:
             names |= zip(self.images, ('2D boxes', '3D boxes', 'Scan over the image'), strict=True)
         if self.route:
@@ -133,8 +144,23 @@ class PanelParts(NamedTuple):
 _WITH_IMAGES = PanelParts((BOXES_2D, BOXES_3D, LIDAR), BIRD, None, (INTENSITY, DISTANCE))
 
 
-def parts_of(frame: FrameData) -> PanelParts:
+def parts_of(frame: FrameData, options: PictureOptions) -> PanelParts:
     """Return the parts of the page of a frame."""
+    lines = len(facts_of(frame, options)) + len(frame.missing)
+    facts = _SIDE_PARTS._replace(height=min(lines, _MOST_FACTS) * _LINE)
+    top = facts.top + facts.height + TITLE_ROOM + 9
+    classes = facts._replace(top=top, height=_SIDE_PARTS.top + _SIDE_PARTS.height - top)
+    # Room for a few more classes than this frame may have: in a film the view from behind stays.
+    lines = max(_class_lines(frame), 7 if frame.predictions else 5)
+    used = lines * _LINE + TITLE_ROOM + 9
+    behind = classes._replace(top=classes.top + used, height=classes.height - used)
+    if behind.height < _LEAST_BEHIND:
+        return _parts_of(frame)._replace(facts=facts, classes=classes)
+    classes = classes._replace(height=lines * _LINE)
+    return _parts_of(frame)._replace(facts=facts, classes=classes, behind=behind)
+
+
+def _parts_of(frame: FrameData) -> PanelParts:
     if frame.images or frame.imaged:
         return _WITH_IMAGES
     scanned = frame.points is not None or frame.scanned
@@ -154,7 +180,6 @@ def parts_of(frame: FrameData) -> PanelParts:
 # The texts and numbers of a panel: the facts of a frame, and its objects by class.
 
 _SCALE = 0.45
-_LINE = 22
 _VALUES = 100
 """Left edge of the values, pixels."""
 
@@ -234,6 +259,13 @@ def draw_facts(window: Pixels, frame: FrameData, options: PictureOptions) -> Non
         baseline += _LINE
 
 
+def _class_lines(frame: FrameData) -> int:
+    """Return the number of lines that draw_classes takes for all classes of a frame."""
+    classes = {label.class_name for label in frame.objects} - {DONT_CARE}
+    classes |= {prediction.class_name for prediction in frame.predictions}
+    return 2 * len(classes) + 1 if frame.predictions else len(classes)
+
+
 def draw_classes(window: Pixels, frame: FrameData) -> None:
     """Draw the number of objects of each class with bars, and below them the predictions."""
     counts = Counter(label.class_name for label in frame.objects if label.class_name != DONT_CARE)
@@ -285,10 +317,10 @@ def draw_panel(frame: FrameData, options: PictureOptions) -> Pixels:
     """Draw the page of a frame, (1080, 1920, 3) BGR."""
     frame = of_classes(frame, options)
     page = new_picture(SIZE, _PAGE)
-    parts = parts_of(frame)
+    parts = parts_of(frame, options)
     for area, title in parts.titles().items():
         put_text(page, title, (area.left, area.top - 7), _TITLE_SCALE, _TITLE, bold=True)
-        if area not in (FACTS, CLASSES):
+        if area not in (parts.facts, parts.classes):
             cv2.rectangle(area.of(page), (0, 0), (area.width, area.height), BACKGROUND, cv2.FILLED)
     _draw_head(page, frame)
     if parts.images:
@@ -298,8 +330,10 @@ def draw_panel(frame: FrameData, options: PictureOptions) -> Pixels:
         draw_route(parts.route.of(page), frame.path)
     if parts.maps:
         _draw_maps(page, parts.maps, frame, options)
-    draw_facts(FACTS.of(page), frame, options)
-    draw_classes(CLASSES.of(page), frame)
+    draw_facts(parts.facts.of(page), frame, options)
+    draw_classes(parts.classes.of(page), frame)
+    if parts.behind:
+        _draw_behind(parts.behind.of(page), frame, options)
     return page
 
 
@@ -352,6 +386,26 @@ def _draw_bird(window: Pixels, frame: FrameData, options: PictureOptions) -> Non
     """Draw the scan and the boxes from above."""
     try:
         window[:] = draw_bird(frame, replace(options, bird=_fill_window(options.bird, window)))
+    except MissingDataError as error:
+        _draw_reason(window, frame, error)
+
+
+def _draw_behind(window: Pixels, frame: FrameData, options: PictureOptions) -> None:
+    """Draw the scan and the boxes from behind.
+
+    The window is small: tags have no room in it, and every third point fills it.
+    """
+    points, labels = frame.points, frame.point_labels
+    try:
+        window[:] = draw_from_behind(
+            replace(
+                frame,
+                points=None if points is None else points[::3],
+                point_labels=None if labels is None else labels[::3],
+            ),
+            replace(options, named=False, point_size=1),
+            (window.shape[1], window.shape[0]),
+        )
     except MissingDataError as error:
         _draw_reason(window, frame, error)
 

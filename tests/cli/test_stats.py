@@ -232,13 +232,19 @@ def test_without_matplotlib_the_extra_is_named(recordings, tmp_path, capsys, mon
 
 @needs_matplotlib
 def test_a_picture_has_a_panel_for_all_that_is_known(recordings, tmp_path, monkeypatch):
-    titles = []
+    """Its rows are full, and legends are beside the data."""
+    titles, right_ends = [], {}
     figures = importlib.import_module('matplotlib.figure')
     save = figures.Figure.savefig
 
     def note(figure, *given, **options):
         titles.extend(axes.get_title('left') for axes in figure.axes if axes.axison)
         save(figure, *given, **options)
+        for axes in figure.axes:
+            place, legend = axes.get_position(), axes.get_legend()
+            right_ends[round(place.y0, 2)] = place.x1
+            if legend:
+                assert legend.get_window_extent().x0 > axes.get_window_extent().x1
 
     monkeypatch.setattr(figures.Figure, 'savefig', note)
     out = tmp_path / 'stats.png'
@@ -257,6 +263,7 @@ def test_a_picture_has_a_panel_for_all_that_is_known(recordings, tmp_path, monke
         'Speed',
         'Turn rate',
     ]
+    assert max(right_ends.values()) - min(right_ends.values()) < 0.05
     picture = cv2.imread(str(out))
     assert picture.shape[1] > 500
     assert picture.std() > 10

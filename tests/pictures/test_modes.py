@@ -23,7 +23,6 @@ from kitti_ros2.pictures.painters import Predictions
 from kitti_ros2.pictures.panel import (
     BIRD,
     BOXES_2D,
-    CLASSES,
     DISTANCE,
     INTENSITY,
     LIDAR,
@@ -204,7 +203,7 @@ def test_only_the_classes_asked_for_are_drawn(mode):
 def test_the_panel_shows_all_parts():
     page = MODES['panel'].draw(FRAME, ANY)
     assert page.shape == (SIZE[1], SIZE[0], 3)
-    for area in (BOXES_2D, LIDAR, BIRD, INTENSITY, DISTANCE):
+    for area in (BOXES_2D, LIDAR, BIRD, INTENSITY, DISTANCE, parts_of(FRAME, ANY).behind):
         assert count_colors(area.of(page)) > 20
 
 
@@ -220,7 +219,14 @@ def covered_by(areas):
 
 
 def test_parts_of_the_panel_do_not_overlap():
-    covered_by((BOXES_2D, LIDAR, BIRD, CLASSES, INTENSITY, DISTANCE))
+    """Also with many facts and classes, which then leave no room for the view from behind."""
+    many = [LabelledObject(f'class {number}', None) for number in range(9)]
+    frames = [make_frame(), make_frame(objects=many), make_frame(objects=many, predictions=many)]
+    for frame, shown in zip(frames, (True, True, False), strict=True):
+        parts = parts_of(frame, ANY)
+        covered_by(parts.titles())
+        assert (parts.behind is not None) == shown
+        assert parts.classes.height >= 22 * 9 or frame.objects != many
 
 
 @pytest.mark.one_in(3)
@@ -320,7 +326,7 @@ def unimaged(**changes):
 )
 def test_a_panel_without_images_uses_the_room(changes):
     frame = unimaged(**changes)
-    parts = parts_of(frame)
+    parts = parts_of(frame, ANY)
     assert parts.images is None
     assert (parts.route is None) == (frame.path is None)
     assert (parts.maps is None) == (frame.points is None)
@@ -333,7 +339,7 @@ def test_a_panel_without_images_uses_the_room(changes):
 
 
 def test_a_frame_that_lost_its_image_keeps_the_places():
-    assert parts_of(make_frame(images={})) == parts_of(FRAME)
+    assert parts_of(make_frame(images={}), ANY).images == parts_of(FRAME, ANY).images
 
 
 @pytest.mark.parametrize('layout', [Layout.TRACKING, Layout.ODOMETRY, Layout.RAW])

@@ -78,7 +78,6 @@ def others(tmp_path_factory):
 def test_it_fits_and_all_of_it_is_shown(browser, page, width, dark):
     browser.open(page, width, dark=dark)
     assert browser.page_width() <= width
-    browser.evaluate("document.querySelectorAll('img').forEach(i => i.loading = 'eager')")
     shown = browser.evaluate(
         'Promise.all([...document.images].map(i => i.decode().then(() => i.naturalWidth)))'
     )
