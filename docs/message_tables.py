@@ -20,21 +20,61 @@ if TYPE_CHECKING:
     from kitti_ros2.model.bag_formats import CloudField
 
 CAMERAS = '{gray,color}_{left,right}'
+_CAMERA = f'/kitti/camera_{CAMERAS}'
+_OPTICAL = 'the camera'
+_COLOUR = 'camera_color_left_optical_frame'
+_FRAMES = '10 Hz'
+_PACKETS = '10 Hz; 100 Hz with `--imu-from`'
+_TOPICS = {
+    '/kitti/velo/points': ('velo_link', 'scan', _FRAMES),
+    f'{_CAMERA}/image_rect/compressed': (_OPTICAL, "image: the PNG's own bytes", _FRAMES),
+    f'{_CAMERA}/image_rect': (_OPTICAL, 'image as pixels: `--images raw`', _FRAMES),
+    f'{_CAMERA}/camera_info': (_OPTICAL, 'calibration of the image', _FRAMES),
+    '/kitti/oxts/imu': ('imu_link', 'accelerations with gravity, rates, orientation', _PACKETS),
+    '/kitti/oxts/fix': ('imu_link', 'latitude, longitude, altitude above the sea', _PACKETS),
+    '/kitti/oxts/vel': ('imu_link', 'velocity and rates, along the axes of the unit', _PACKETS),
+    '/kitti/oxts/vel_with_covariance': ('imu_link', 'the same: `--covariances`', _PACKETS),
+    '/tf': ('map', 'ground truth: `map` to `base_link`', _FRAMES),
+    '/tf_static': ('', 'all other frames', 'once'),
+    '/kitti/ground_truth/odometry': ('map', 'pose of `base_link`', _FRAMES),
+    '/kitti/ground_truth/path': ('map', 'all poses of `base_link`', 'once'),
+    '/kitti/labels/detections': ('velo_link', '3D boxes; `id` is the track', _FRAMES),
+    '/kitti/labels/boxes_2d': (_COLOUR, '2D boxes in the image of camera 2', _FRAMES),
+    '/kitti/labels/markers': ('velo_link', 'boxes, headings, texts; trails in `map`', _FRAMES),
+    '/kitti/labels/detected_objects': ('base_link', '`--objects autoware`', _FRAMES),
+    '/kitti/labels/tracked_objects': ('base_link', 'the same with tracks', _FRAMES),
+    '/kitti/predictions/detections': ('velo_link', 'results of `--predictions`', _FRAMES),
+    '/kitti/predictions/boxes_2d': (_COLOUR, 'their 2D boxes', _FRAMES),
+    '/kitti/predictions/markers': ('velo_link', 'compared with the labels', _FRAMES),
+    '/kitti/predictions/detected_objects': ('base_link', '`--objects autoware`', _FRAMES),
+    '/kitti/predictions/tracked_objects': ('base_link', 'the same with tracks', _FRAMES),
+    f'{_CAMERA}/annotated': (_OPTICAL, 'labels drawn on the image: `play --annotated`', _FRAMES),
+    f'{_CAMERA}/annotations': ('', '2D boxes for Foxglove: `--annotations`', _FRAMES),
+    f'{_CAMERA}/prediction_annotations': ('', 'the same of `--predictions`', _FRAMES),
+    '/kitti/source/recording': ('', 'name and layout of the recording', 'once'),
+    '/kitti/source/files': ('', 'text files of the recording', 'once'),
+    '/kitti/source/calibration': ('', 'calibration files', 'once; a frame in object sets'),
+    '/kitti/source/oxts': ('', 'lines of packets', _FRAMES),
+    '/kitti/source/labels': ('', 'lines of labels', _FRAMES),
+    '/kitti/source/sweep': ('', 'start and end of the turn', _FRAMES),
+    '/kitti/source/points': ('velo_link', 'points of the files, with other `--points`', _FRAMES),
+}
+"""By topic, in the order of the table: frame, meaning, rate."""
 
 
 def topics() -> str:
-    """Return the table of topics, with streams, QoS and the names of the preset kitti2bag."""
+    """Return the table of topics with frame, meaning, rate and QoS, the sensors first."""
     options = dataclasses.replace(EVERY_MESSAGE, annotated=True)
-    rows = [
-        (
-            code(row.topic),
-            code(row.msgtype.replace('/msg/', '/')),
-            'image' if row.stream.camera is not None else row.stream.value,
-            f'latched, depth {row.depth}' if row.latched else f'depth {row.depth}',
-        )
-        for row in make_table({0: CAMERAS}, 'image_rect', options)
-    ]
-    return table(('topic', 'type', 'stream', 'QoS'), rows)
+    made = {row.topic: row for row in make_table({0: CAMERAS}, 'image_rect', options)}
+    order = {topic: place for place, topic in enumerate(_TOPICS)}
+    rows = []
+    for topic in sorted(made, key=order.__getitem__):
+        row, (frame, meaning, rate) = made[topic], _TOPICS[topic]
+        qos = f'latched, depth {row.depth}' if row.latched else f'depth {row.depth}'
+        kind = row.msgtype.replace('/msg/', '/')
+        named = code(frame) if '_' in frame or frame == 'map' else frame
+        rows.append((code(topic), code(kind), named, meaning, rate, qos))
+    return table(('topic', 'type', 'frame', 'meaning', 'rate', 'QoS'), rows)
 
 
 def clouds() -> str:

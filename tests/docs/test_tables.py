@@ -20,9 +20,11 @@ from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table, own_topics
 from kitti_ros2.model.bag_formats import CONTAINERS
 from kitti_ros2.model.classes import LABEL_OF_CLASS
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options import datasets, evaluation
 from kitti_ros2.options import table as declared
 from kitti_ros2.options.stack_catalogue import STACKS
+from kitti_ros2.synthetic import SyntheticOptions, write_synthetic
 from kitti_ros2.validation.validate import rules_by_id
 
 sys.path.insert(0, str(ROOT / 'docs'))
@@ -148,6 +150,24 @@ def test_topics_are_those_of_the_table():
     }
     types = {each.msgtype.replace('/msg/', '/') for each in own_topics().values()}
     assert types == {row[1].strip('`') for row in rows}
+    assert [*rows[0][:1], *rows[0][2:5]] == ['`/kitti/velo/points`', '`velo_link`', 'scan', '10 Hz']
+
+
+def test_frames_of_topics_are_those_of_the_messages(tmp_path):
+    reader = pytest.importorskip('mcap_ros2.reader', reason='no mcap-ros2-support')
+    options = SyntheticOptions(frames=1, image_size=(310, 94), lidar_columns=200)
+    write_synthetic(tmp_path / 'set', Layout.TRACKING, options)
+    kitti_ros2.to_bag(
+        tmp_path / 'set', tmp_path / 'set.mcap', images='both', objects='both', covariances=True
+    )
+    columns = {row[0].strip('`'): row[2].strip('`') for row in rows_of(tables.topics())[2:]}
+    compared = set()
+    for message in reader.read_ros2_messages(str(tmp_path / 'set.mcap')):
+        topic, header = message.channel.topic, getattr(message.ros_msg, 'header', None)
+        if header and not topic.startswith('/kitti/camera_'):
+            compared.add(topic)
+            assert header.frame_id == columns[topic], topic
+    assert len(compared) > 9
 
 
 def test_containers_are_those_of_the_table():
