@@ -36,7 +36,6 @@ TEXTS = ('text', 'bibtex')
 """Languages of what is shown, not run."""
 NOT_RUN = {
     'README.md': 6,
-    'docs/comparison.md': 1,
     'docs/howto/argoverse2.md': 3,
     'docs/howto/clusters.md': 6,
     'docs/howto/get.md': 1,
