@@ -53,7 +53,7 @@ _TOPICS = {
     f'{_CAMERA}/prediction_annotations': ('', 'the same of `--predictions`', _FRAMES),
     '/kitti/source/recording': ('', 'name and layout of the recording', 'once'),
     '/kitti/source/files': ('', 'text files of the recording', 'once'),
-    '/kitti/source/calibration': ('', 'calibration files', 'once; a frame in object sets'),
+    '/kitti/source/calibration': ('', 'calibration files', 'once; each frame in object sets'),
     '/kitti/source/oxts': ('', 'lines of packets', _FRAMES),
     '/kitti/source/labels': ('', 'lines of labels', _FRAMES),
     '/kitti/source/sweep': ('', 'start and end of the turn', _FRAMES),
