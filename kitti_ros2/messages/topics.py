@@ -160,9 +160,7 @@ def match_names(names: list[str], selection: SelectionOptions) -> list[str]:
     patterns, excluded = selection.topics, selection.exclude_topics
     selected = [name for name in names if not patterns or _matches(name, patterns)]
     if not selected and patterns:
-        hints = [_close_topics(pattern, names) for pattern in patterns]
-        hint = ''.join(hints) or f'; there are {", ".join(sorted(names)) or "no topics"}'
-        raise UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
+        raise _no_topic(patterns, names)
     matching = [name for name in selected if not _matches(name, excluded)]
     if selected and not matching:
         raise UsageError(f'no topic is left without {" and ".join(excluded)}; exclude fewer')
@@ -174,12 +172,25 @@ def _matches(name: str, patterns: tuple[str, ...]) -> bool:
 
 
 def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
-    """Return a note on each pattern of topics and exclude_topics that matches no topic."""
+    """Return a note on each pattern of topics and exclude_topics that matches no topic.
+
+    Raises:
+        UsageError: No pattern of exclude_topics matches a topic.
+    """
+    excluded = selection.exclude_topics
+    if excluded and not any(_matches(name, excluded) for name in names):
+        raise _no_topic(excluded, sorted(names))
     return [
         f'no topic is called {pattern}{_close_topics(pattern, sorted(names))}'
         for pattern in (*selection.topics, *selection.exclude_topics)
         if not any(fnmatchcase(name, pattern) for name in names)
     ]
+
+
+def _no_topic(patterns: tuple[str, ...], names: list[str]) -> UsageError:
+    hints = ''.join(_close_topics(pattern, names) for pattern in patterns)
+    hint = hints or f'; there are {", ".join(sorted(names)) or "no topics"}'
+    return UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
 
 
 def _close_topics(pattern: str, names: Sequence[str]) -> str:

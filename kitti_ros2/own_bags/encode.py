@@ -274,9 +274,12 @@ class Encoder:
         if Stream.CALIBRATION in recording.streams:
             table = without_latched_calibrations(table)
         selected = select_topics(table, selection)
-        self._selected = _selected_streams(recording, options, selection)
+        possible = _possible_table(recording, options, images)
+        self._unmatched = unmatched([row.topic for row in possible], selection)
+        self._selected = set(Stream)
+        if selection.topics or selection.exclude_topics:
+            self._selected = {row.stream for row in select_topics(possible, selection)}
         self._schedule = schedule
-        self._unmatched = unmatched([row.topic for row in table], selection)
         due = {stream for stream in Stream if schedule.count(stream)}
         self._recording = recording
         boxed = bool(self._labelled or self._predicted)
@@ -476,17 +479,13 @@ class Encoder:
         return self._recording.read(entry.stream, entry.number)
 
 
-def _selected_streams(
-    recording: ReadableRecording, options: MessageOptions, selection: SelectionOptions
-) -> set[Stream]:
-    """Return the streams selected by topics, including cameras that are lost completely."""
-    if not selection.topics and not selection.exclude_topics:
-        return set(Stream)
+def _possible_table(
+    recording: ReadableRecording, options: MessageOptions, images: str
+) -> list[Topic]:
+    """Return the rows of a recording with those of cameras that are lost completely."""
     lost = {Stream(loss.stream).camera for loss in recording.losses}
     cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
-    images = naming_of(options).image_topic(recording.layout, recording.image_topic)
-    table = make_table({**cameras, **recording.cameras}, images, options, _packets_of(recording))
-    return {row.stream for row in select_topics(table, selection)}
+    return make_table({**cameras, **recording.cameras}, images, options, _packets_of(recording))
 
 
 def _packets_of(recording: ReadableRecording) -> Stream:

@@ -103,8 +103,32 @@ def test_nothing_left_or_nothing_matched_is_said(recordings, tmp_path, capsys):
     source, out = str(recordings[Layout.RAW]), str(tmp_path / 'o.mcap')
     assert main(['to-bag', source, out, '--exclude-topics', '*']) == 2
     assert 'no topic is left without *' in one_line(capsys.readouterr().err)
-    assert main(['to-bag', source, out, '--exclude-topics', '/kiti/*']) == 0
+    assert main(['to-bag', source, out, '--exclude-topics', '/kiti/*', '/tf']) == 0
     assert 'note: no topic is called /kiti/*' in capsys.readouterr().out
+
+
+NO_TOPIC = 'no topic is called image; there are '
+
+
+@pytest.mark.parametrize('container', ['', '.mcap', '.bag'])
+def test_an_exclusion_of_nothing_is_an_error(recordings, tmp_path, capsys, container):
+    source, out = recordings[Layout.RAW], tmp_path / 'o.mcap'
+    if container:
+        source = tmp_path / f'source{container}'
+        assert main(['to-bag', str(recordings[Layout.RAW]), str(source), '-q']) == 0
+    assert main(['to-bag', str(source), str(out), '-q', '--exclude-topics', 'image']) == 2
+    assert NO_TOPIC in one_line(capsys.readouterr().err)
+    assert not out.exists()
+
+
+def test_images_that_are_lost_may_be_excluded(copy, tmp_path, capsys):
+    drive = copy(Layout.RAW)
+    for folder in drive.glob('image_0*'):
+        for image in (folder / 'data').iterdir():
+            image.unlink()
+    out = tmp_path / 'o.mcap'
+    assert main(['to-bag', str(drive), str(out), '--exclude-topics', '*image*']) == 0
+    assert 'no topic is called' not in capsys.readouterr().out
 
 
 def test_json_is_one_document_and_nothing_else(recordings, tmp_path, capsys):

@@ -86,6 +86,8 @@ def test_a_selection_takes_less(raw, tmp_path):
     assert fix < few < every
     with pytest.raises(UsageError, match='no topic is called'):
         run_rerun(raw, {'topics': ['/nothing']}, save=tmp_path / 'none.rrd')
+    with pytest.raises(UsageError, match='no topic is called'):
+        run_rerun(raw, {'exclude_topics': ['image']}, save=tmp_path / 'none.rrd')
 
 
 @needs_sdk

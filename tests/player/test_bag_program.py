@@ -444,3 +444,5 @@ def test_excluded_topics_are_not_played(raw_bag):
     assert {each.topic for each in both.channels} == {'/kitti/oxts/imu', '/kitti/oxts/vel'}
     with pytest.raises(UsageError, match=r'no topic is left without \*'):
         take(raw_bag, exclude_topics=('*',))
+    with pytest.raises(UsageError, match='no topic is called image; there are'):
+        take(raw_bag, exclude_topics=('image',))
