@@ -64,7 +64,6 @@ EXTRAS = {
         'ipykernel>=6.29,<8',
         'mkdocs-material>=9.7,<10',
         'mkdocs>=1.6,<2',
-        'mkdocstrings[python]>=1,<2',
         'nbclient>=0.10,<0.12',
     ],
     # The figures of `eval odometry` and `eval tracking`.

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables of the reference, made from the declarations in the code.
 
-A page asks for one with a comment on a line of its own, `<!-- generated: NAME ARGUMENT -->`.
+A page asks for one with a comment on a line of its own, `<!-- generated: NAME ARGUMENT -->`;
+`python docs/tables.py` writes it below, up to `<!-- end -->`, in all pages.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+from api_tables import api
 from command_tables import command, exit_codes
 from markdown_tables import attributes, code, table
 from message_tables import cloud_fields, clouds, frames, renamed_topics, topics
@@ -27,12 +29,27 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 ROOT = Path(__file__).resolve().parents[1]
-_MARKER = re.compile(r'^<!-- generated: (\S+) ?(.*?) -->$', re.MULTILINE)
+_MARKER = re.compile(
+    r'^(<!-- generated: (\S+) ?([^\n]*?) -->)$(?:(?:(?!^<!-- generated).)*?^<!-- end -->$)?',
+    re.MULTILINE | re.DOTALL,
+)
 
 
 def fill(markdown: str) -> str:
-    """Replace each comment that asks for a table by the table."""
-    return _MARKER.sub(lambda found: TABLES[found[1]](*found[2].split()), markdown)
+    """Write each table below the comment that asks for it, in place of the one that is there."""
+
+    def filled(found: re.Match[str]) -> str:
+        made = TABLES[found[2]](*found[3].split())
+        return f'{found[1]}\n\n{made}\n\n<!-- end -->'
+
+    return _MARKER.sub(filled, markdown)
+
+
+def main() -> None:
+    """Write the tables of all pages; the player's need rclpy."""
+    for page in sorted((ROOT / 'docs').rglob('*.md')):
+        text = page.read_text('utf-8')
+        page.write_text(fill(text), 'utf-8')
 
 
 def parameters() -> str:
@@ -212,6 +229,7 @@ def source_file(name: str) -> str:
 
 
 TABLES: dict[str, Callable[..., str]] = {
+    'api': api,
     'cloud-fields': cloud_fields,
     'clouds': clouds,
     'command': command,
@@ -229,3 +247,6 @@ TABLES: dict[str, Callable[..., str]] = {
     'stacks': stacks,
     'topics': topics,
 }
+
+if __name__ == '__main__':
+    main()

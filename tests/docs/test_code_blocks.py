@@ -198,6 +198,14 @@ a
       c
     ```
 
+<!-- generated: file c.py -->
+
+```python title="c.py"
+c
+```
+
+<!-- end -->
+
 ```yaml title="a.yaml" hl_lines="1"
 d: 1
 ```
@@ -205,7 +213,7 @@ d: 1
     assert blocks_in(text) == [
         Block('sh', 'a\n', 3),
         Block('python', 'b\n  c\n', 10, 'a window'),
-        Block('yaml', 'd: 1\n', 15, title='a.yaml'),
+        Block('yaml', 'd: 1\n', 23, title='a.yaml'),
     ]
 
 
