@@ -180,6 +180,16 @@ def test_topics_that_match_nothing_are_refused(recordings, tmp_path):
     assert 'no topic is called /kitty/*; did you mean /kitti/*?' in report.notes
 
 
+def test_cameras_that_are_lost_can_be_excluded(copy, tmp_path):
+    drive = copy(Layout.RAW)
+    for path in drive.glob('image_0*/timestamps.txt'):
+        path.unlink()
+    assert run(drive, tmp_path / 'o.mcap').losses
+    report = run(drive, tmp_path / 'part.mcap', exclude_topics=('*camera*',))
+    assert not report.losses
+    assert not [note for note in report.notes if 'no topic is called' in note]
+
+
 def test_config_values_are_taken_as_they_are_written(tmp_path):
     path = tmp_path / 'c.yaml'
     path.write_text(

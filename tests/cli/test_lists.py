@@ -121,16 +121,6 @@ def test_an_exclusion_of_nothing_is_an_error(recordings, tmp_path, capsys, conta
     assert not out.exists()
 
 
-def test_images_that_are_lost_may_be_excluded(copy, tmp_path, capsys):
-    drive = copy(Layout.RAW)
-    for folder in drive.glob('image_0*'):
-        for image in (folder / 'data').iterdir():
-            image.unlink()
-    out = tmp_path / 'o.mcap'
-    assert main(['to-bag', str(drive), str(out), '--exclude-topics', '*image*']) == 0
-    assert 'no topic is called' not in capsys.readouterr().out
-
-
 def test_json_is_one_document_and_nothing_else(recordings, tmp_path, capsys):
     source, bag, repaired = recordings[Layout.RAW], tmp_path / 'bag.mcap', tmp_path / 'again.mcap'
     assert main(['to-bag', str(source), str(bag), '--json']) == 0
