@@ -74,6 +74,8 @@ EXTRAS = {
         'mcap-protobuf-support>=0.5.3,<0.7',
         'websockets>=15,<18',
     ],
+    # Jupyter, in which the notebook of the tutorials runs.
+    'notebook': ['ipykernel>=6.29,<8', 'jupyterlab>=4.2,<5'],
     # KITTI's form of PNG files in 0.6 of the time, the same bits.
     'png': ['zlib-ng>=0.5,<2'],
     # The pictures of `stats -o` and `eval odometry -o`.

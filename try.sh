@@ -13,11 +13,15 @@ if ! python3 -c 'import ensurepip' 2>/dev/null; then
     echo 'try.sh: python3 or its venv module is missing: install it, and run this again' >&2
     exit 1
   fi
+  echo 'Installing python3-venv with apt-get'
   sudo=$(command -v sudo) || sudo=
   $sudo apt-get -qq update
   $sudo apt-get -qq install -y python3-venv >/dev/null
 fi
 python3 -m venv "$here/.venv"
-"$here/.venv/bin/pip" install -q "$here"
+echo "Installing kitti_ros2 and its libraries into $here/.venv: 100 MB to download, about a minute"
+quiet=-q
+if [[ -t 1 ]]; then quiet=--progress-bar=on; fi
+"$here/.venv/bin/pip" install --disable-pip-version-check "$quiet" "$here"
+echo 'Making a synthetic recording of 20 frames, its bag and a picture: half a minute'
 "$here/.venv/bin/kitti-ros2" demo --overwrite
-printf '\nActivate the environment first: . %q\n' "$here/.venv/bin/activate"

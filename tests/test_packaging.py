@@ -262,7 +262,7 @@ def test_scripts_go_where_ros2_run_looks() -> None:
 def test_requirements_are_bounded_on_both_sides(setup_arguments: dict[str, Any]) -> None:
     groups = {'': setup_arguments['install_requires'], **setup_arguments['extras_require']}
     extras = {
-        'cluster', 'clouds', 'docs', 'eval', 'foxglove', 'plot', 'png', 'remote',
+        'cluster', 'clouds', 'docs', 'eval', 'foxglove', 'notebook', 'plot', 'png', 'remote',
         'rerun', 'ros', 'test', 'video',
     }  # fmt: skip
     assert set(groups) == {'', *extras}
@@ -376,7 +376,7 @@ def test_every_code_file_has_its_licence_header() -> None:
         '# SPDX-FileCopyrightText: The kitti_ros2 authors\n# SPDX-License-Identifier: Apache-2.0\n'
     )
     names = (
-        'setup.py', 'setup.cfg', '.dockerignore', 'CITATION.cff', 'Dockerfile',
+        'setup.py', 'setup.cfg', '.dockerignore', 'CITATION.cff', 'Dockerfile', 'pixi.toml',
         'try.sh',
     )  # fmt: skip
     files = [*(REPO / name for name in names), *(REPO / '.ci').iterdir()]

@@ -51,10 +51,38 @@ def test_only_publishing_may_write_and_without_a_password():
     granted = {name: job.get('permissions', {}) for name, job in workflow['jobs'].items()}
     assert {name: may for name, may in granted.items() if may} == {
         'publish': {'id-token': 'write'},
+        'release': {'contents': 'write'},
         'pages': {'id-token': 'write', 'pages': 'write'},
     }
     assert set(workflow['jobs']['publish']['needs']) == {'ci', 'try'}
     assert all('secrets.' not in path.read_text(encoding='utf-8') for path in WORKFLOWS)
+
+
+def test_pixi_has_the_ros_packages_and_the_commands_of_the_others():
+    tomllib = pytest.importorskip('tomllib', reason='Python 3.11 reads TOML')
+    pixi = tomllib.loads((REPO / 'pixi.toml').read_text(encoding='utf-8'))
+    features = pixi['feature']
+    needed = ET.parse(REPO / 'package.xml').getroot().iterfind('exec_depend')
+    ours = {e.text.replace('_', '-') for e in needed if not e.text.startswith('python3-')}
+    named = {name.removeprefix('ros-jazzy-') for name in features['ros']['dependencies']}
+    assert named == {*ours, 'rviz2'}
+    readme = (REPO / 'README.md').read_text(encoding='utf-8')
+    assert f'.venv/bin/{features["test"]["tasks"]["test"]}\n' in readme
+    assert features['demo']['tasks']['demo'] in INSTALLED
+    # A task of two environments would have to be chosen from.
+    assert pixi['environments'] == {
+        'default': ['package', 'demo'], 'test': ['test'], 'ros': ['package', 'ros']
+    }  # fmt: skip
+    extras = features['test']['pypi-dependencies']['kitti_ros2']['extras']
+    assert f'.[{",".join(extras)}]' in readme
+
+
+def test_this_version_has_release_notes():
+    notes = (REPO / f'.github/releases/{VERSION}.md').read_text(encoding='utf-8')
+    readme = (REPO / 'README.md').read_text(encoding='utf-8')
+    commands = re.findall(r'^(?:uvx|pip) .*$', notes, re.MULTILINE)
+    assert len(commands) == 2
+    assert all(command in readme for command in commands)
 
 
 def test_image_is_built_by_the_steps_of_the_readme():
@@ -130,7 +158,7 @@ def try_it(tmp_path):
 
 INSTALLED = [
     'python3 -m venv CLONE/.venv',
-    'pip install -q CLONE',
+    'pip install --disable-pip-version-check -q CLONE',
     'kitti-ros2 demo --overwrite',
 ]
 
@@ -140,7 +168,7 @@ def test_try_installs_and_runs_the_demo_again_and_again(try_it):
         done, calls = try_it('python3', 'apt-get', 'sudo', without_venv=False)
         assert done.returncode == 0, done.stderr
         assert calls == ['python3 -c import ensurepip', *INSTALLED] * times
-        assert done.stdout.rstrip().endswith(r'a\ clone/.venv/bin/activate')
+        assert [line.split()[0] for line in done.stdout.splitlines()] == ['Installing', 'Making']
 
 
 @pytest.mark.parametrize('sudo', [True, False])
