@@ -46,7 +46,7 @@ NOT_RUN = {
     'docs/howto/play.md': 8,
     'docs/howto/remote.md': 2,
     'docs/howto/remote_outputs.md': 2,
-    'docs/howto/ros.md': 5,
+    'docs/howto/ros.md': 6,
     'docs/howto/split.md': 1,
     'docs/howto/stacks.md': 3,
     'docs/howto/waymo.md': 1,
