@@ -28,7 +28,7 @@ from ..files.output_rules import keep_all, keep_all_but_bags
 from ..files.remote import is_remote
 from ..files.staging import open_staging
 from ..files.threads import DeferredSignals, worker_count
-from ..model.bag_formats import CONTAINERS, container_of
+from ..model.bag_formats import CONTAINERS, FILE_NAMES, container_of
 from ..model.errors import OutputError, UsageError, add_note, format_count, not_one_of
 from .file_writer import (
     Parts,
@@ -407,6 +407,10 @@ class BagWriter:
 __all__ = ['BagWriter', 'Parts', 'guess_storage', 'open_bag', 'output_path']
 
 
+_NO_BAGS = {'.bin', '.gif', '.html', '.jpg', '.mp4', '.png', '.rrd', '.txt', '.webp', '.zip'}
+"""Endings that a directory of rosbag2 does not have, unless by mistake."""
+
+
 def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -> str:
     """Return the storage for an output path: the requested one, else the suffix's, else a default.
 
@@ -415,6 +419,8 @@ def guess_storage(path: Path, asked: str | None = None, default: str = 'mcap') -
     """
     if asked is not None and asked not in CONTAINERS:
         raise not_one_of('storage', asked, list(CONTAINERS))
+    if path.suffix.lower() in _NO_BAGS:
+        raise UsageError(f'{path}: expected a bag, {FILE_NAMES} or a directory')
     for name, container in CONTAINERS.items():
         if path.suffix == container.suffix and not container.in_file:
             raise UsageError(

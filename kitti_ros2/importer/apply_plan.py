@@ -23,7 +23,7 @@ from ..kitti.store import STORE
 from ..messages.naming import CALIBRATION, LABEL_LINES
 from ..messages.tf_tree import describe_direction
 from ..model.bag_formats import TF_TYPES
-from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError
+from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError, either
 from ..model.streams import NS_PER_S, Layout, Stream
 from .bag_calibration import CAMERA, LEVEL, PlannedRig, optical_axis
 from .bag_poses import PlannedMotion, read_motion
@@ -310,8 +310,11 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         UsageError: The options name no layout.
     """
     if options.layout is None:
-        layouts = ', '.join(layout.value for layout in Layout)
-        raise UsageError(f'{path_of(bags[0])}: which layout is wanted? give --layout {layouts}')
+        layouts = either([layout.value for layout in Layout])
+        raise UsageError(
+            f'{path_of(bags[0])}: which layout is wanted? give --layout {layouts}, such as'
+            f' --layout object'
+        )
     if options.all_cameras and survey.calibrations:
         raise UsageError('--all-cameras is for bags of other programs; to-bag wrote this one')
     for (parent, child), topics in survey.clashes.items():

@@ -30,7 +30,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -60,7 +60,14 @@ from ..model.bag_formats import (
     Channel,
     Points,
 )
-from ..model.errors import BadFileError, MissingDataError, UsageError, did_you_mean
+from ..model.errors import (
+    BadFileError,
+    MissingDataError,
+    UsageError,
+    did_you_mean,
+    similarity,
+    some_of,
+)
 from ..model.samples import PNG, Description, cuboids_of, identified
 from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
 from ..options.messages import Clouds, Images, MessageOptions, Objects
@@ -189,18 +196,23 @@ def unmatched(names: Collection[str], selection: SelectionOptions) -> list[str]:
 
 def _no_topic(patterns: tuple[str, ...], names: list[str]) -> UsageError:
     hints = ''.join(_close_topics(pattern, names) for pattern in patterns)
-    hint = hints or f'; there are {", ".join(sorted(names)) or "no topics"}'
+    nearest = sorted(names, key=partial(similarity, patterns[0]), reverse=True)
+    hint = hints or f'; there are {some_of(nearest, 6) or "no topics"}'
     return UsageError(f'no topic is called {" or ".join(patterns)}{hint}')
 
 
 def _close_topics(pattern: str, names: Sequence[str]) -> str:
     """Return the question for a misspelt topic, or for a misspelt pattern of several."""
-    choices = list(names)
     if '*' in pattern:
         words = [name.split('/') for name in names]
         choices = [f'{"/".join(word[:at])}/*' for word in words for at in range(1, len(word))]
         choices += [f'*/{"/".join(word[at:])}' for word in words for at in range(1, len(word))]
-    return did_you_mean(pattern, choices)
+        return did_you_mean(pattern, choices)
+    word = pattern.strip('/')
+    count = sum(word in name for name in names)
+    if word and count > 1:
+        return f"; there are {count} with {word} in their names: give '*{word}*'"
+    return did_you_mean(pattern, names)
 
 
 # The encoders of the table's rows: a sample and its context to messages.

@@ -397,18 +397,12 @@ def close_names(word: str, choices: Iterable[str]) -> list[str]:
     Close is a name of other case, one that contains the word, and the most similar ones; none if
     more than three are equally similar.
     """
-    from difflib import SequenceMatcher  # noqa: PLC0415 - for errors only
-
     lower = word.lower()
     names = list(dict.fromkeys(choices))
     same = [name for name in names if name.lower() == lower]
     if same or not lower:
         return same[:_MOST]
-    matcher = SequenceMatcher(b=lower, autojunk=False)
-    ratios = {}
-    for name in names:
-        matcher.set_seq1(name.lower())
-        ratios[name] = matcher.ratio()
+    ratios = {name: similarity(word, name) for name in names}
     least = _LEAST_RATIO_SHORT_WORD if len(lower) <= _SHORT_WORD else _LEAST_RATIO
     best = max(ratios.values(), default=0.0)
     if best < least:
@@ -416,6 +410,13 @@ def close_names(word: str, choices: Iterable[str]) -> list[str]:
         return containing if len(containing) <= _MOST else []
     close = [name for name in names if ratios[name] >= max(least, best - _MARGIN)]
     return sorted(close, key=lambda name: -ratios[name]) if len(close) <= _MOST else []
+
+
+def similarity(word: str, name: str) -> float:
+    """Return how similar two names are without regard to case, 0 to 1."""
+    from difflib import SequenceMatcher  # noqa: PLC0415 - for errors only
+
+    return SequenceMatcher(None, name.lower(), word.lower(), autojunk=False).ratio()
 
 
 def did_you_mean(word: str, choices: Iterable[str]) -> str:
