@@ -14,6 +14,7 @@ from typing import Any
 from markdown_tables import code, table
 
 from kitti_ros2.cli.app import find_command
+from kitti_ros2.cli.command import CONFIG_ONLY
 
 ROOT = Path(__file__).resolve().parents[1]
 _DEFAULT = re.compile(r'\s*\[default: (.*)\]$')
@@ -45,6 +46,8 @@ def command(*words: str) -> str:
 
 def _option_row(option: Any) -> tuple[str, ...]:  # noqa: ANN401 - of typer's own copy of click
     spellings = [*option.opts, *option.secondary_opts]
+    if option.rich_help_panel == CONFIG_ONLY:
+        spellings = [option.name]
     text = option.help or ''
     declared = _DEFAULT.search(text)
     default = declared[1] if declared else _plain_default(option)

@@ -27,7 +27,7 @@ from typing import (
 )
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperOption
 from typer.main import get_click_type
 
 from ..model.errors import BadFileError, UsageError
@@ -44,6 +44,10 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r'-\.?\d')
 _SPECIAL = re.compile(r'[^\w ,.:()/*-]')
 _EXAMPLES = '\n\nExamples:\n'
+_MOST_OPTIONS = 12
+_ALL_OPTIONS = 'kitti_ros2.all_options'
+CONFIG_ONLY = 'In the file of --config'
+"""Heading of options that belong into that file, by name."""
 _LISTS = (
     '{lists} takes all words up to the next option or --. Give {arguments} before it, after --, or'
     ' as its last words.'
@@ -68,6 +72,24 @@ class Command(TyperCommand):
         text, _, examples = (self.help or '').partition(_EXAMPLES)
         self.help: str = text
         self.examples = examples
+        self._help_all = TyperOption(
+            param_decls=['--help-all'],
+            is_flag=True,
+            is_eager=True,
+            expose_value=False,
+            hidden=True,  # the last line of the options names it
+            callback=self._print_all,
+        )
+
+    def get_params(self, ctx: Any) -> list[Any]:  # noqa: ANN401 - as above
+        """Return arguments and options, those about help last."""
+        return [*super().get_params(ctx), self._help_all]
+
+    def _print_all(self, ctx: Any, _: object, asked: object) -> None:  # noqa: ANN401 - as above
+        if asked and not ctx.resilient_parsing:
+            ctx.meta[_ALL_OPTIONS] = True
+            typer.echo(self.get_help(ctx))
+            ctx.exit()
 
     def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002 - click's form
         """Return the first line, whole."""
@@ -86,24 +108,51 @@ class Command(TyperCommand):
         self.format_epilog(ctx, formatter)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
-        """Write arguments and options, by group; those without a group last."""
+        """Write arguments and options, by group, or the common ones of many without headings."""
         rows = [(arg.metavar, arg.help or '') for arg in self._arguments]
         if rows:
             with formatter.section('Arguments'):
                 formatter.write_dl(rows)
+        total = sum(param.param_type_name == 'option' for param in self.params)
+        if ctx.meta.get(_ALL_OPTIONS) or total <= _MOST_OPTIONS:
+            with self._unhidden():
+                sections = self._records(ctx, self.get_params(ctx))
+            _write_sections(formatter, sections)
+            return
+        common = [row for rows in self._records(ctx, self.params).values() for row in rows]
+        _write_sections(formatter, {'Options': common})
+        formatter.write_paragraph()
+        formatter.write_text(
+            f'These are {len(common)} of {total} options; {ctx.command_path} --help-all shows all.'
+        )
+
+    def _records(self, ctx: Any, params: list[Any]) -> dict[str, list[tuple[str, str]]]:  # noqa: ANN401
+        """Return the rows of options that are not hidden, by group; those without one last."""
         groups: dict[str, list[tuple[str, str]]] = {}
-        for param in self.get_params(ctx):
+        for param in params:
             record = param.get_help_record(ctx)
             if param.param_type_name == 'option' and record is not None:
-                groups.setdefault(getattr(param, 'rich_help_panel', None) or '', []).append(record)
-        others = groups.pop('', [])
-        for title, records in (*groups.items(), ('Options', others)):
-            with formatter.section(title):
-                formatter.write_dl(records)
+                if _group(param) == CONFIG_ONLY:
+                    record = param.name, record[1]
+                groups.setdefault(_group(param), []).append(record)
+        groups['Options'] = groups.pop('', [])
+        return groups
+
+    @contextmanager
+    def _unhidden(self) -> Iterator[None]:
+        """Show all options, of this command alone: it is kept for further command lines."""
+        hidden = [param for param in self.params if getattr(param, 'hidden', False)]
+        for param in hidden:
+            param.hidden = False
+        try:
+            yield
+        finally:
+            for param in hidden:
+                param.hidden = True
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write the rule of options with several values, and the examples as they are."""
-        lists = [option.metavar for option in self._lists(ctx).values()]
+        lists = [option.metavar for option in self._lists(ctx).values() if not option.hidden]
         if lists:
             formatter.write_paragraph()
             names = ' and '.join(arg.metavar for arg in self._arguments)
@@ -138,7 +187,8 @@ class Command(TyperCommand):
         if option is not None and not incomplete.startswith('-'):
             completions: list[Any] = option.shell_complete(ctx, incomplete)
             return completions
-        completions = super().shell_complete(ctx, incomplete)
+        with self._unhidden():
+            completions = super().shell_complete(ctx, incomplete)
         for completion in completions:
             completion.help = _SPECIAL.sub('', (completion.help or '').partition(' [default')[0])
         return completions
@@ -151,6 +201,16 @@ class Command(TyperCommand):
         """Return the options with several values, by spelling."""
         params = [param for param in self.get_params(ctx) if getattr(param, 'multiple', False)]
         return {flag: param for param in params for flag in param.opts}
+
+
+def _write_sections(formatter: Any, sections: Mapping[str, Any]) -> None:  # noqa: ANN401 - as above
+    for title, records in sections.items():
+        with formatter.section(title):
+            formatter.write_dl(records)
+
+
+def _group(param: Any) -> str:  # noqa: ANN401 - as above
+    return getattr(param, 'rich_help_panel', None) or ''
 
 
 class _GivenWords:
@@ -426,7 +486,9 @@ _VALUES = {
 
 # Options of commands: from their declarations in options/, and those that several share.
 
-QuietOption = Annotated[bool, typer.Option('--quiet', '-q', help='Print only errors and losses')]
+QuietOption = Annotated[
+    bool, typer.Option('--quiet', '-q', hidden=True, help='Print only errors and losses')
+]
 OverwriteOption = Annotated[bool, typer.Option('--overwrite', help='Replace what is at OUT')]
 FsyncOption = Annotated[
     bool,
@@ -439,7 +501,7 @@ FsyncOption = Annotated[
 AllOverwriteOption = Annotated[
     bool, typer.Option('--overwrite', help='With --all: replace files in OUT')
 ]
-JsonOption = Annotated[bool, typer.Option('--json', help='Print the result as JSON')]
+JsonOption = Annotated[bool, typer.Option('--json', hidden=True, help='Print the result as JSON')]
 
 
 def argument(name: str, help_text: str) -> Any:  # noqa: ANN401 - an argument of typer
@@ -522,7 +584,8 @@ def _parameter(option: Option) -> Parameter:
         *_spellings(option),
         help=_help(option),
         metavar=option.placeholder or None,
-        rich_help_panel=option.group or None,
+        rich_help_panel=CONFIG_ONLY if option.config_only else option.group or None,
+        hidden=not option.common,
         autocompletion=complete_option(option.name, option.choices),
     )
     kind: Any = Annotated[Optional[option.kind], described]

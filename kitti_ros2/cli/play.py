@@ -164,6 +164,7 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         Optional[str],
         typer.Option(
             metavar='ADDRESS',
+            hidden=True,
             help='With --foxglove: the address that viewers connect to, 0.0.0.0 for all of this'
             ' machine [default: 127.0.0.1]',
         ),
@@ -172,12 +173,16 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
         Optional[list[str]],
         typer.Option(
             metavar='ORIGIN...',
+            hidden=True,
             help='With --foxglove: web pages that may connect, besides those of Foxglove and of'
             ' this machine, such as https://viewer.example.org',
         ),
     ] = None,
     keyboard: Annotated[
-        bool, typer.Option('--keyboard/--no-keyboard', help='Control it by keys in a terminal')
+        bool,
+        typer.Option(
+            '--keyboard/--no-keyboard', hidden=True, help='Control it by keys in a terminal'
+        ),
     ] = True,
     quiet: QuietOption = False,
     loop: Annotated[
@@ -186,7 +191,10 @@ def play(  # noqa: PLR0913, PLR0917 - each is an option of the command
     times: Annotated[
         Optional[int],
         typer.Option(
-            metavar='N', help='Play so many times [default: 1]', rich_help_panel=_PLAYBACK
+            metavar='N',
+            hidden=True,
+            help='Play so many times [default: 1]',
+            rich_help_panel=_PLAYBACK,
         ),
     ] = None,
     **given: object,

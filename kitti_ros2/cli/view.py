@@ -427,12 +427,18 @@ def view(
         typer.Option('--rerun', help='Show it all in the Rerun viewer', rich_help_panel=_RERUN),
     ] = False,
     web: Annotated[
-        bool, typer.Option('--web', help='With --rerun: in a browser', rich_help_panel=_RERUN)
+        bool,
+        typer.Option(
+            '--web', hidden=True, help='With --rerun: in a browser', rich_help_panel=_RERUN
+        ),
     ] = False,
     save: Annotated[
         Optional[Path],
         typer.Option(
-            metavar='PATH', help='With --rerun: write an .rrd file instead', rich_help_panel=_RERUN
+            metavar='PATH',
+            hidden=True,
+            help='With --rerun: write an .rrd file instead',
+            rich_help_panel=_RERUN,
         ),
     ] = None,
     quiet: QuietOption = False,

@@ -105,9 +105,14 @@ class CropOptions:
         ' (as velodyne_reduced)',
         View,
         unset='all points',
+        common=True,
     )
     camera: int | None = option(
-        None, "KITTI's number of the camera of --view", parse_integer, unset='2'
+        None,
+        "KITTI's number of the camera of --view",
+        parse_integer,
+        unset='2',
+        common=True,
     )
     image_size: tuple[int, int] | None = option(
         None,
@@ -123,6 +128,7 @@ class CropOptions:
         name='box',
         unset='no limit',
         metavar='NUMBER...',
+        common=True,
     )
     range_m: Span | None = option(
         None,
@@ -131,6 +137,7 @@ class CropOptions:
         name='range',
         unset='no limit',
         metavar='MIN:MAX',
+        common=True,
     )
     height_m: Span | None = option(
         None,
@@ -139,6 +146,7 @@ class CropOptions:
         name='height',
         unset='no limit',
         metavar='MIN:MAX',
+        common=True,
     )
     lasers: int | None = option(
         None,
@@ -146,6 +154,7 @@ class CropOptions:
         parse_integer,
         unset='all',
         choices=tuple(map(str, _FEWER_LASERS)),
+        common=True,
     )
     voxel_m: float | None = option(
         None,
@@ -153,6 +162,7 @@ class CropOptions:
         parse_number,
         name='voxel',
         unset='all points',
+        common=True,
     )
     folder: str | None = option(
         None,
@@ -161,6 +171,7 @@ class CropOptions:
         unset='cut scans replace the scans',
         group=_DATA_SET,
         metavar='NAME',
+        common=True,
     )
     empty_labels: EmptyLabels = choice(
         EmptyLabels.KEEP,
@@ -169,9 +180,15 @@ class CropOptions:
         group=_DATA_SET,
     )
     copy: bool = option(
-        False, 'Copy unchanged files instead of linking them', parse_flag, group=_DATA_SET
+        False,
+        'Copy unchanged files instead of linking them',
+        parse_flag,
+        group=_DATA_SET,
+        common=True,
     )
-    overwrite: bool = option(False, 'Replace the data set in OUT', parse_flag, group=_DATA_SET)
+    overwrite: bool = option(
+        False, 'Replace the data set in OUT', parse_flag, group=_DATA_SET, common=True
+    )
     fsync: bool = fsync_option(group=_DATA_SET)
     read: ReadOptions = field(default_factory=ReadOptions)
 
@@ -347,7 +364,7 @@ class ExtractOptions:
 
     group: ClassVar = 'Extraction'
 
-    overwrite: bool = option(False, 'Replace existing files that differ', parse_flag)
+    overwrite: bool = option(False, 'Replace existing files that differ', parse_flag, common=True)
     remove_archives: bool = option(
         False, 'Remove each archive of which everything was extracted', parse_flag
     )
@@ -406,21 +423,35 @@ class DownloadOptions:
         name='category',
         unset='all',
         metavar='NAMES',
+        common=True,
     )
     sync: bool = option(
-        False, 'Raw: rectified, paired by number (default)', parse_flag, flags=('--sync',)
+        False,
+        'Raw: rectified, paired by number (default)',
+        parse_flag,
+        flags=('--sync',),
+        common=True,
     )
     extract: bool = option(
-        False, 'Raw: unrectified, before synchronization', parse_flag, flags=('--extract',)
+        False,
+        'Raw: unrectified, before synchronization',
+        parse_flag,
+        flags=('--extract',),
+        common=True,
     )
     tracklets: bool = option(
-        False, 'Raw: 3D labels (default, too, where they exist)', parse_flag, flags=('--tracklets',)
+        False,
+        'Raw: 3D labels (default, too, where they exist)',
+        parse_flag,
+        flags=('--tracklets',),
+        common=True,
     )
     accept_license: bool = option(
         False,
         "Accept KITTI's terms (asked for once): CC BY-NC-SA 3.0",
         parse_flag,
         flags=('--accept-license',),
+        common=True,
     )
     base_url: str | None = option(
         None,
@@ -428,6 +459,7 @@ class DownloadOptions:
         parse_text,
         unset="KITTI's own",
         metavar='URL',
+        common=True,
     )
     checksums: Path | None = option(
         None,
@@ -437,12 +469,22 @@ class DownloadOptions:
     )
     verify: bool = option(True, 'Compare known SHA-256 checksums', parse_flag)
     keep_archives: bool = option(
-        False, 'Keep archives after extracting them', parse_flag, flags=('--keep-archives',)
+        False,
+        'Keep archives after extracting them',
+        parse_flag,
+        flags=('--keep-archives',),
+        common=True,
     )
     archives_only: bool = option(
-        False, 'Do not extract the archives', parse_flag, flags=('--archives-only',)
+        False,
+        'Do not extract the archives',
+        parse_flag,
+        flags=('--archives-only',),
+        common=True,
     )
-    jobs: int = option(3, 'Archives to download at a time', parse_integer, bounds=(1, 16))
+    jobs: int = option(
+        3, 'Archives to download at a time', parse_integer, bounds=(1, 16), common=True
+    )
     retries: int = option(
         6, 'Attempts without progress before giving up', parse_integer, bounds=(0, 100)
     )
@@ -471,7 +513,9 @@ class StatisticsOptions:
 
     group: ClassVar = 'Statistics'
 
-    points: bool = option(False, 'Also count points in boxes; reads all scans', parse_flag)
+    points: bool = option(
+        False, 'Also count points in boxes; reads all scans', parse_flag, common=True
+    )
 
 
 # The options of the commands for whole data sets, and their values by name.

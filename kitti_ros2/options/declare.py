@@ -408,6 +408,8 @@ class Option:
         group: Heading of the option in help texts; that of its dataclass unless declared.
         choices: All values, for an option that takes one of a few words.
         metavar: Placeholder of the value in help texts, where the parser's is too general.
+        common: Whether --help of a command with many options shows it; --help-all shows all.
+        config_only: Whether its place is the file of --config: too exotic for a command line.
     """
 
     field: str
@@ -423,6 +425,8 @@ class Option:
     group: str = ''
     choices: tuple[str, ...] = ()
     metavar: str = ''
+    common: bool = False
+    config_only: bool = False
 
     def plain(self, value: Any) -> Any:  # noqa: ANN401 - of the type that the option has
         """Return a field's value as users write it: seconds for ns, a word for a choice."""

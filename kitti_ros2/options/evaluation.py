@@ -65,6 +65,7 @@ class BagResultsOptions:
         parse_text,
         unset='the only one',
         metavar='TOPIC',
+        common=True,
     )
     class_map: tuple[tuple[str, str], ...] = option(
         (),
@@ -73,6 +74,7 @@ class BagResultsOptions:
         parse_class_map,
         unset='the same name in any case',
         metavar='NAME=CLASS...',
+        common=True,
     )
     tolerance_ns: int | None = option(
         None,
@@ -117,6 +119,7 @@ class DetectionOptions:
         parse_class_overlaps,
         unset='car, pedestrian, cyclist',
         metavar='NAME=IOU...',
+        common=True,
     )
     frames: Path | None = option(
         None,
@@ -124,18 +127,21 @@ class DetectionOptions:
         parse_path,
         unset='all with a result file',
         metavar='FILE',
+        common=True,
     )
     loose: bool = option(
         False,
         'Also score BEV and 3D with an overlap of 0.5 for cars, 0.25 for pedestrians and cyclists',
         parse_flag,
         flags=('--loose',),
+        common=True,
     )
     worst: int | None = option(
         None,
         'List the N frames with the most errors; with -o FOLDER they are drawn',
         parse_integer,
         unset='none',
+        common=True,
     )
 
     def __post_init__(self) -> None:
@@ -212,6 +218,7 @@ class OdometryOptions:
         parse_text,
         unset='the only one',
         metavar='TOPIC',
+        common=True,
     )
     tf: tuple[str, ...] = option(
         (),
@@ -219,6 +226,7 @@ class OdometryOptions:
         parse_texts,
         unset='none',
         metavar='PARENT CHILD',
+        common=True,
     )
     gt_topic: str | None = option(
         None,
@@ -233,11 +241,13 @@ class OdometryOptions:
         parse_text,
         unset='that of the messages, in files camera 0',
         metavar='FRAME',
+        common=True,
     )
     align: Alignment = choice(
         Alignment.FIRST,
         'Alignment: the first pose, or all positions; sim3, scale: segments are scaled, too',
         Alignment,
+        common=True,
     )
     tolerance_ns: int | None = option(
         None,
@@ -298,7 +308,12 @@ class LiveOptions:
     group: ClassVar = 'Live'
 
     topic: str = option(
-        '', 'Topic with the results of the node', parse_text, unset='required', metavar='TOPIC'
+        '',
+        'Topic with the results of the node',
+        parse_text,
+        unset='required',
+        metavar='TOPIC',
+        common=True,
     )
     node: str | None = option(
         None,
@@ -306,6 +321,7 @@ class LiveOptions:
         parse_text,
         unset='none: it is started otherwise',
         metavar='COMMAND',
+        common=True,
     )
     msgtype: str | None = option(
         None,
@@ -314,6 +330,7 @@ class LiveOptions:
         name='type',
         unset='that of its publisher',
         metavar='TYPE',
+        common=True,
     )
     task: str | None = option(
         None,
@@ -321,6 +338,7 @@ class LiveOptions:
         parse_text,
         unset="by the topic's type",
         choices=(*_BOXES, *_POSES),
+        common=True,
     )
     align: Alignment = choice(
         Alignment.FIRST, 'Alignment of poses; sim3, scale: segments are scaled, too', Alignment
@@ -351,8 +369,9 @@ class LiveOptions:
         unset='none',
         flags=('--out', '-o'),
         metavar='BAG',
+        common=True,
     )
-    overwrite: bool = option(False, 'Replace existing files', parse_flag)
+    overwrite: bool = option(False, 'Replace existing files', parse_flag, common=True)
 
     def __post_init__(self) -> None:
         if not self.topic:

@@ -66,7 +66,12 @@ class MarkerOptions:
         MarkerColors.CLASS, 'One colour per class or per track', MarkerColors, name='marker_colors'
     )
     alpha: float = option(
-        0.35, 'Opacity of label boxes', parse_number, name='marker_alpha', bounds=(0.0, 1.0)
+        0.35,
+        'Opacity of label boxes',
+        parse_number,
+        name='marker_alpha',
+        bounds=(0.0, 1.0),
+        config_only=True,
     )
     line_width: float = option(
         0.05,
@@ -74,6 +79,7 @@ class MarkerOptions:
         parse_number,
         name='marker_line_width',
         bounds=(0.001, 10.0),
+        config_only=True,
     )
     arrow_length: float = option(
         1.0,
@@ -81,6 +87,7 @@ class MarkerOptions:
         parse_number,
         name='marker_arrow_length',
         bounds=(0.01, 100.0),
+        config_only=True,
     )
     text_height: float = option(
         0.6,
@@ -88,6 +95,7 @@ class MarkerOptions:
         parse_number,
         name='marker_text_height',
         bounds=(0.01, 100.0),
+        config_only=True,
     )
     lifetime_ns: int = option(
         300_000_000,
@@ -95,6 +103,7 @@ class MarkerOptions:
         parse_seconds_ns,
         name='marker_lifetime',
         bounds=(0.0, 3600.0),
+        config_only=True,
     )
     trails: bool = option(False, 'Label markers also show the past positions of tracks', parse_flag)
     ego: bool = option(True, 'Marker of the recording car', parse_flag, name='ego_marker')
@@ -268,7 +277,10 @@ class MessageOptions:
     group: ClassVar = 'Messages'
 
     images: Images = choice(
-        Images.COMPRESSED, "The PNG file's own bytes (compressed) or its pixels (raw)", Images
+        Images.COMPRESSED,
+        "The PNG file's own bytes (compressed) or its pixels (raw)",
+        Images,
+        common=True,
     )
     preset: Preset = choice(Preset.DEFAULT, 'Names of topics and frames', Preset)
     map: MapFrame = choice(
@@ -348,6 +360,7 @@ class MessageOptions:
         unset='none',
         flags=('--for',),
         metavar='STACK',
+        common=True,
     )
 
     @property

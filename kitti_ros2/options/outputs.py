@@ -64,7 +64,11 @@ class BagOptions:
 
     storage: str = 'mcap'
     compression: str = option(
-        'none', 'mcap: lz4, zstd; sqlite3: zstd; ros1: lz4, bz2', parse_text, choices=_COMPRESSIONS
+        'none',
+        'mcap: lz4, zstd; sqlite3: zstd; ros1: lz4, bz2',
+        parse_text,
+        choices=_COMPRESSIONS,
+        common=True,
     )
     compression_level: int | None = option(
         None, 'lz4 0 to 16, zstd 1 to 22', parse_integer, unset="the compressor's default"
@@ -83,7 +87,7 @@ class BagOptions:
         name='split_duration',
         unset='never',
     )
-    overwrite: bool = option(False, 'Replace an existing bag', parse_flag)
+    overwrite: bool = option(False, 'Replace an existing bag', parse_flag, common=True)
     fsync: bool = fsync_option()
     keep_partial: bool = option(
         False, 'Keep what was written before an interruption, as OUT.partial', parse_flag
@@ -163,7 +167,11 @@ class ImportOptions:
     group: ClassVar = 'Data set'
 
     layout: Layout | None = choice(
-        None, 'Layout to write', Layout, unset='that of a bag written by to-bag'
+        None,
+        'Layout to write',
+        Layout,
+        unset='that of a bag written by to-bag',
+        common=True,
     )
     name: str | None = option(
         None,
@@ -171,12 +179,14 @@ class ImportOptions:
         parse_text,
         unset="the plan's",
         metavar='NAME',
+        common=True,
     )
     calib: Path | None = option(
         None,
         "KITTI calibration file or folder instead of the bag's calibration",
         parse_path,
         unset="the bag's",
+        common=True,
     )
     origin: str | None = option(
         None,
@@ -190,6 +200,7 @@ class ImportOptions:
         'Object: fraction of the frames in train, the rest in val',
         parse_number,
         flags=('--split',),
+        common=True,
     )
     all_cameras: bool = option(
         False, 'Write one data set for each camera, with scans in common', parse_flag
@@ -204,10 +215,13 @@ class ImportOptions:
         True, "Round scans of others to KITTI's grid of 1 mm if they are within 0.02 mm", parse_flag
     )
     append: bool = option(
-        False, 'Object: continue the numbering of the data set in OUT', parse_flag
+        False,
+        'Object: continue the numbering of the data set in OUT',
+        parse_flag,
+        common=True,
     )
 
-    overwrite: bool = option(False, 'Replace the data set in OUT', parse_flag)
+    overwrite: bool = option(False, 'Replace the data set in OUT', parse_flag, common=True)
     fsync: bool = fsync_option()
     selection: SelectionOptions = field(default_factory=SelectionOptions)
 
@@ -273,6 +287,7 @@ class PlaybackOptions:
         bounds=RATES,
         flags=('-r',),
         live=True,
+        common=True,
     )
     loop: int = option(
         1, 'Number of rounds; 0 or true is endless', parse_rounds, live=True, any_type=True
@@ -438,18 +453,25 @@ class PictureOptions:
     group: ClassVar = 'Pictures'
 
     camera: int | None = option(
-        None, "KITTI's camera number", parse_integer, unset='2, or the first'
+        None,
+        "KITTI's camera number",
+        parse_integer,
+        unset='2, or the first',
+        common=True,
     )
     color_by: ColorBy | None = choice(
         None,
         "What the colour of a point shows; semantic: SemanticKITTI's labels",
         ColorBy,
         unset='depth on images, else height',
+        common=True,
     )
     color_map: ColorMap = choice(ColorMap.VIRIDIS, 'Colours of its scale', ColorMap)
     point_size: int = option(2, 'Diameter of a point, pixels', parse_integer)
     bird: BirdOptions = field(default_factory=BirdOptions)
-    classes: tuple[str, ...] = option((), 'Only objects of these classes', parse_texts, unset='all')
+    classes: tuple[str, ...] = option(
+        (), 'Only objects of these classes', parse_texts, unset='all', common=True
+    )
     named: bool = True
 
     def __post_init__(self) -> None:

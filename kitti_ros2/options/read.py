@@ -99,6 +99,7 @@ class ReadOptions:
         live=True,
         any_type=True,
         metavar='NAME',
+        common=True,
     )
     epoch_ns: int = option(
         DEFAULT_EPOCH_NS,
@@ -306,9 +307,14 @@ class SelectionOptions:
         "Only these topics; * matches, such as '/kitti/oxts/*'",
         parse_texts,
         unset='all',
+        common=True,
     )
     exclude_topics: tuple[str, ...] = option(
-        (), "All but these topics; * matches, such as '*image*'", parse_texts, unset='none'
+        (),
+        "All but these topics; * matches, such as '*image*'",
+        parse_texts,
+        unset='none',
+        common=True,
     )
     start: Bound | None = option(
         None,
@@ -317,6 +323,7 @@ class SelectionOptions:
         unset='the first',
         any_type=True,
         metavar='WHEN',
+        common=True,
     )
     end: Bound | None = option(
         None,
@@ -325,6 +332,7 @@ class SelectionOptions:
         unset='the last',
         any_type=True,
         metavar='WHEN',
+        common=True,
     )
 
     def __post_init__(self) -> None:
@@ -365,10 +373,18 @@ class ValidateOptions:
     group: ClassVar = 'Checks'
 
     quick: bool = option(
-        False, 'Check names and sizes only; of bags the index', parse_flag, flags=('--quick',)
+        False,
+        'Check names and sizes only; of bags the index',
+        parse_flag,
+        flags=('--quick',),
+        common=True,
     )
     decode: bool = option(
-        False, 'Decode the pixels of images, too', parse_flag, flags=('--decode',)
+        False,
+        'Decode the pixels of images, too',
+        parse_flag,
+        flags=('--decode',),
+        common=True,
     )
 
     def __post_init__(self) -> None:
@@ -446,6 +462,7 @@ class PredictionOptions:
         name='predictions',
         unset='none',
         live=True,
+        common=True,
     )
     iou: LeastOverlaps | None = option(
         None,

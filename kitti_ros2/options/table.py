@@ -154,14 +154,18 @@ class ViewSettings:
         'Kind of picture, see above',
         parse_text,
         choices=('camera', 'boxes', 'lidar', 'bev', 'perspective', 'panel'),
+        common=True,
     )
-    frame: int | None = option(None, 'Frame number of a picture', parse_integer, unset='the first')
+    frame: int | None = option(
+        None, 'Frame number of a picture', parse_integer, unset='the first', common=True
+    )
     frames: str | None = option(
         None,
         'FIRST:LAST[:STEP] of a film or folder, both included',
         parse_text,
         unset='all',
         metavar='FRAMES',
+        common=True,
     )
     rate_hz: float | None = option(
         None,
@@ -170,7 +174,7 @@ class ViewSettings:
         name='fps',
         unset="the recording's",
     )
-    overwrite: bool = option(False, 'Replace an existing file', parse_flag)
+    overwrite: bool = option(False, 'Replace an existing file', parse_flag, common=True)
 
     def __post_init__(self) -> None:
         if self.frame is not None and self.frames is not None:
@@ -229,9 +233,9 @@ VIEW = (
     *_PREDICTIONS,
     *SOURCE,
     *MOTION,
-    *_SPAN,
+    *(replace(opt, common=False) for opt in _SPAN),
     *(
-        replace(opt, meaning=f'With --rerun: {opt.meaning}')
+        replace(opt, meaning=f'With --rerun: {opt.meaning}', common=False)
         for opt in options_of(SelectionOptions)
         if opt.name in {'topics', 'exclude_topics'}
     ),
@@ -401,6 +405,7 @@ class BatchOptions:
         parse_flag,
         name='all',
         flags=('--all',),
+        common=True,
     )
     jobs: int | None = option(
         None,

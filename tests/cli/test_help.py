@@ -69,8 +69,8 @@ def columns(monkeypatch):
 
 @pytest.fixture
 def help_of(capsys):
-    def shown(*words):
-        assert main([*words, '--help']) == 0
+    def shown(*words, flag='--help'):
+        assert main([*words, flag]) == 0
         return capsys.readouterr().out
 
     return shown
@@ -107,15 +107,33 @@ def test_a_command_has_its_arguments_as_written_groups_and_two_examples(command,
 
 @pytest.mark.parametrize('command', TABLES)
 def test_options_stand_in_their_groups_with_their_choices(command, help_of):
-    sections = dict(re.findall(r'^(\S.*):\n((?:  .*\n)+)', help_of(*command.split()), re.MULTILINE))
+    text = help_of(*command.split(), flag='--help-all')
+    sections = dict(re.findall(r'^(\S.*):\n((?:  .*\n)+)', text, re.MULTILINE))
     for option in TABLES[command]:
         assert option.group
+        if option.config_only:
+            assert f'  {option.name} ' in sections['In the file of --config']
+            continue
         spelling = re.escape(f'--{option.name.replace("_", "-")}')
         others = {'train_fraction': '--split', 'loop': '--loop', 'stack': '--for'}
         spelling = others.get(option.name, spelling)
         listed = option.choices and not option.metavar
         words = re.escape(f' [{"|".join(option.choices)}]') if listed else ''
         assert re.search(rf'{spelling}\b{words}', sections[option.group]), option.name
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_help_shows_a_dozen_options_and_help_all_the_others(command, help_of):
+    shown, all_shown = (
+        set(re.findall(r'^  (?:-\w, )?(--[a-z-]+)', text, re.MULTILINE)) - {'--help'}
+        for text in (help_of(*command.split()), help_of(*command.split(), flag='--help-all'))
+    )
+    _, found = find_command(command.split())
+    count = sum(param.param_type_name == 'option' for param in found.params)
+    assert len(shown) == min(count, len(shown)) <= 12
+    assert shown <= all_shown
+    left = f'These are {len(shown)} of {count} options; kitti-ros2 {command} --help-all shows all.'
+    assert (left in ' '.join(help_of(*command.split()).split())) == (shown < all_shown) == (len(shown) < count)
 
 
 def test_the_modes_of_pictures_are_the_choices():

@@ -233,7 +233,7 @@ def options_in(text):
 
 @pytest.mark.parametrize('page', OUR_PAGES)
 def test_pages_name_options_that_are_there(page):
-    assert options_in(TEXTS[page]) - options_of_commands() - {'--help'} == set()
+    assert options_in(TEXTS[page]) - options_of_commands() - {'--help', '--help-all'} == set()
 
 
 def test_options_in_a_page_are_found():
