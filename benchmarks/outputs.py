@@ -157,7 +157,7 @@ def synthetic(folder: Path) -> list[str]:
     """Synthetic recordings of all layouts, and the path of each."""
     made = []
     for layout in LAYOUTS:
-        Outputs(folder).run('demo', layout, '--layout', layout, '--frames', '3', '-q')
+        Outputs(folder).run('demo', layout, '--layout', layout, '--count', '3', '-q')
         made.append(f'{layout}/kitti')
     return made
 

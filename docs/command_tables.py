@@ -25,7 +25,7 @@ def command(*words: str) -> str:
     name, found = find_command([*words])
     arguments = [each for each in found.params if each.param_type_name == 'argument']
     options = [each for each in found.params if each.param_type_name == 'option']
-    names = ' '.join(each.metavar or each.name.upper() for each in arguments)
+    names = ' '.join(found.collect_usage_pieces(None)[1:])
     usage = f'```text\nkitti-ros2 {name} {names} [OPTIONS]\n```'
     about = table(
         ('argument', 'meaning'),

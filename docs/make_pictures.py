@@ -92,7 +92,7 @@ def statistics(folder: Path) -> np.ndarray | None:
     options = SyntheticOptions(frames=STATISTICS_FRAMES)
     sequence = write_synthetic(folder / 'tracking', Layout.TRACKING, options)
     out = folder / 'stats.png'
-    if kitti_ros2(['stats', str(sequence), '--points', '-o', str(out), '-q']):
+    if kitti_ros2(['stats', str(sequence), '--count-points', '-o', str(out), '-q']):
         raise SystemExit('stats failed')
     return cv2.imread(str(out))
 

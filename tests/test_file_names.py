@@ -216,7 +216,7 @@ def test_every_command_reads_them(recordings, layout, kind, tmp_path, capsys):
         ('view', source, '-o', out / 'a.png', '--mode', 'lidar', '--frame', 2),
         ('view', bag, '-o', out / 'b.png', '--mode', 'lidar', '--frame', 2),
         ('report', source, '-o', out / 'a.html'),
-        ('stats', source, '--points'),
+        ('stats', source, '--count-points'),
         ('crop', source, out / 'crop', '--range', ':40'),
         ('info', out / 'crop'),
     ):
@@ -242,7 +242,7 @@ def test_results_and_lists_are_found_by_name(recordings, tmp_path, kind, capsys)
     listed = (lists / 'val.txt').read_text().split()
     assert {*listed} <= {path.stem for path in labels.iterdir()}
     for truth in (labels, source):
-        for more in ([], ['--frames', str(lists / 'val.txt')]):
+        for more in ([], ['--frame-list', str(lists / 'val.txt')]):
             assert main(['eval', 'detection', str(truth), str(results), *more]) == 0
     # Of fewer results, each is compared with the labels of its own name.
     (results / min(results.iterdir()).name).unlink()

@@ -205,8 +205,8 @@ def test_a_frame_beyond_the_mapping_is_named(own_set, capsys):
     ('gone', 'words', 'complaint'),
     [
         ('mapping', (), 'give their folder with --mapping'),
-        ('raw', (), 'give their folder with --raw'),
-        ('', ('--raw', 'nowhere'), 'nowhere: no such folder'),
+        ('raw', (), 'give their folder with --raw-drives'),
+        ('', ('--raw-drives', 'nowhere'), 'nowhere: no such folder'),
         ('', ('--mapping', 'nowhere'), 'in nowhere'),
         ('drives', (), 'no frame has a true stamp: '),
     ],
@@ -232,7 +232,7 @@ def test_drives_may_lie_without_their_dates(own_set, tmp_path):
     assert set(recording.origins) == {*IN_TIME}
 
 
-@pytest.mark.parametrize('words', [('--raw', '.'), ('--mapping', '.')])
+@pytest.mark.parametrize('words', [('--raw-drives', '.'), ('--mapping', '.')])
 def test_its_options_need_it(words, shared_set, capsys):
     assert main(['info', str(shared_set.object), *words]) == 2
     assert 'is for --real-time' in one_line(capsys.readouterr().err)

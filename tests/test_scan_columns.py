@@ -63,7 +63,7 @@ COMMANDS = [
     ('to-bag', '{out}.mcap'),
     ('to-bag', '{out}', '--all'),
     ('stats',),
-    ('stats', '--points'),
+    ('stats', '--count-points'),
     ('validate',),
     ('validate', '--quick'),
     ('crop', '{out}', '--range', ':20'),

@@ -222,8 +222,7 @@ def describe_usage_error(error: Any) -> str:  # noqa: ANN401 - of typer's own co
         return missing_argument(error.param, context)
     extra = _EXTRA.match(message)
     if extra is not None:
-        hint = '; give OUT by -o' if '--out' in _spellings(command) else ''
-        return f'unexpected argument {extra[1]}{hint}; {_usage(command, path)}'
+        return f'unexpected argument {extra[1]}; {_usage(command, path)}'
     return f'{message}; see {path} --help'
 
 
@@ -235,11 +234,7 @@ def missing_argument(argument: Any, context: Any) -> str:  # noqa: ANN401 - as a
 
 
 def _usage(command: Any, path: str) -> str:  # noqa: ANN401 - as above
-    names = [
-        _name(param) if param.required else f'[{_name(param)}]'
-        for param in command.params
-        if param.param_type_name == 'argument'
-    ]
+    names = command.collect_usage_pieces(None)[1:] if isinstance(command, Command) else []
     return f'usage: {" ".join([path, *names])} [OPTIONS]'
 
 

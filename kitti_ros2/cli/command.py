@@ -12,7 +12,6 @@ from contextlib import ExitStack, contextmanager
 from functools import lru_cache, wraps
 from importlib import import_module
 from inspect import Parameter, Signature, signature
-from itertools import islice
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -31,6 +30,7 @@ from typer.core import TyperCommand, TyperOption
 from typer.main import get_click_type
 
 from ..model.errors import BadFileError, UsageError
+from .given_words import GivenWords, out_last, rename
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 # A sub-command: help with options in groups and examples, several values after one option.
 
-_NUMBER = re.compile(r'-\.?\d')
 _SPECIAL = re.compile(r'[^\w ,.:()/*-]')
 _EXAMPLES = '\n\nExamples:\n'
 _MOST_OPTIONS = 12
@@ -52,6 +51,7 @@ _LISTS = (
     '{lists} takes all words up to the next option or --. Give {arguments} before it, after --, or'
     ' as its last words.'
 )
+_OUT_ARGUMENTS = ('OUT', 'ROOT')
 OPEN_LIST = 'kitti_ros2.open_list'
 """Key of a context's meta: the option whose list of values the last word belongs to."""
 
@@ -98,7 +98,7 @@ class Command(TyperCommand):
     def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ANN401, ARG002 - click's form
         """Return the words of the usage line: arguments as help texts write them."""
         names = [arg.metavar if arg.required else f'[{arg.metavar}]' for arg in self._arguments]
-        return ['[OPTIONS]', *names]
+        return ['[OPTIONS]', *names, *(['[OUT]'] if self._out else [])]
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write the help as plain text, in old versions of typer too."""
@@ -110,10 +110,12 @@ class Command(TyperCommand):
     def format_options(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - as above
         """Write arguments and options, by group, or the common ones of many without headings."""
         rows = [(arg.metavar, arg.help or '') for arg in self._arguments]
+        if self._out is not None:
+            rows.append(('OUT, -o OUT', self._out.help))
         if rows:
             with formatter.section('Arguments'):
                 formatter.write_dl(rows)
-        total = sum(param.param_type_name == 'option' for param in self.params)
+        total = len(self.params) - len(rows)
         if ctx.meta.get(_ALL_OPTIONS) or total <= _MOST_OPTIONS:
             with self._unhidden():
                 sections = self._records(ctx, self.get_params(ctx))
@@ -131,7 +133,7 @@ class Command(TyperCommand):
         groups: dict[str, list[tuple[str, str]]] = {}
         for param in params:
             record = param.get_help_record(ctx)
-            if param.param_type_name == 'option' and record is not None:
+            if param.param_type_name == 'option' and record and param is not self._out:
                 if _group(param) == CONFIG_ONLY:
                     record = param.name, record[1]
                 groups.setdefault(_group(param), []).append(record)
@@ -163,13 +165,16 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as above
         """Parse, after repeating options with several values before each of them."""
+        args = self._with_names_of_today(ctx, args)
+        if self._arguments and self._arguments[-1].metavar.endswith(_OUT_ARGUMENTS):
+            args = out_last(args)
         valued = {
             flag
             for param in self.get_params(ctx)
             if not getattr(param, 'is_flag', True)
             for flag in param.opts
         }
-        words = _GivenWords(args, self._lists(ctx), valued)
+        words = GivenWords(args, self._lists(ctx), valued)
         if ctx.resilient_parsing:  # for a completion
             ctx.meta[OPEN_LIST] = words.open_list
             args = words.spread()
@@ -177,6 +182,8 @@ class Command(TyperCommand):
                 args.pop()  # an option without its value would hide the arguments
         else:
             words.take_arguments([arg.metavar for arg in self._arguments])
+            if self._out is not None:
+                words.option_of_out(self._out.opts[0], len(self._arguments))
             args = words.spread()
         parsed: list[str] = super().parse_args(ctx, args)
         return parsed
@@ -193,9 +200,32 @@ class Command(TyperCommand):
             completion.help = _SPECIAL.sub('', (completion.help or '').partition(' [default')[0])
         return completions
 
+    def _with_names_of_today(self, ctx: Any, words: list[str]) -> list[str]:  # noqa: ANN401
+        """Rename former options; a note says so, and names those of the file of --config."""
+        flags = {flag: param for param in self.params for flag in param.opts}
+        renamed, notes = rename(words, self.name or '', flags)
+        notes += [
+            f'{word} has its place in the file of --config, as {flags[word].name}; the next'
+            f' release does not take it here'
+            for word in renamed
+            if word in flags and _group(flags[word]) == CONFIG_ONLY
+        ]
+        is_first = ctx.parent is not None  # else it is parsed again, for the text of an error
+        if is_first and not ctx.resilient_parsing and not {'-q', '--quiet'} & {*words}:
+            for note in notes:
+                typer.echo(f'note: {note}', err=True)
+        return renamed
+
     @property
     def _arguments(self) -> list[Any]:
         return [param for param in self.params if param.param_type_name == 'argument']
+
+    @property
+    def _out(self) -> Any:  # noqa: ANN401 - an option of typer's copy of click
+        """The option of OUT that may be the last argument, too; None if there is none."""
+        if any(arg.nargs < 0 for arg in self._arguments):
+            return None  # OUT would be one of PATH...
+        return next((param for param in self.params if '--out' in param.opts), None)
 
     def _lists(self, ctx: Any) -> dict[str, Any]:  # noqa: ANN401 - as above
         """Return the options with several values, by spelling."""
@@ -211,78 +241,6 @@ def _write_sections(formatter: Any, sections: Mapping[str, Any]) -> None:  # noq
 
 def _group(param: Any) -> str:  # noqa: ANN401 - as above
     return getattr(param, 'rich_help_panel', None) or ''
-
-
-class _GivenWords:
-    """The words after a command, in parts: list options with their values, other words.
-
-    Args:
-        words: The words.
-        lists: Spellings of the options with several values.
-        valued: Spellings of all options with a value.
-    """
-
-    def __init__(self, words: Sequence[str], lists: Mapping[str, Any], valued: set[str]) -> None:
-        self._lists = lists
-        self._parts: list[list[str]] = []
-        self._arguments = 0
-        rest = iter(words)
-        for word in rest:
-            if word == '--':
-                self._parts.append([word, *rest])
-                self._arguments += len(self._parts[-1]) - 1
-            elif word.startswith('-') and word != '-' and not self._is_number(word):
-                self._parts.append([word])
-                if word in valued and word not in lists:
-                    self._parts[-1] += islice(rest, 1)
-            elif self.open_list is not None:
-                self._parts[-1].append(word)
-            else:
-                self._parts.append([word])
-                self._arguments += 1
-
-    def _is_number(self, word: str) -> bool:
-        """Whether a word is a negative number in a list."""
-        return self.open_list is not None and _NUMBER.match(word) is not None
-
-    @property
-    def open_list(self) -> Any:  # noqa: ANN401 - an option of typer's copy of click
-        """The list option whose values the words end with."""
-        return self._lists.get(self._parts[-1][0]) if self._parts else None
-
-    def take_arguments(self, names: Sequence[str]) -> None:
-        """Take missing arguments from the end of a list, if it is clear that they are there.
-
-        Raises:
-            UsageError: It is not clear, because some arguments are given or several lists may
-                hold them; or a list has no values.
-        """
-        for part in self._parts:
-            if part[0] in self._lists and len(part) == 1:
-                raise UsageError(f"Option '{part[0]}' requires an argument")
-        missing = len(names) - self._arguments
-        long = [part for part in self._parts if part[0] in self._lists and len(part) > 2]
-        if missing <= 0 or not long:
-            return
-        part, *others = long
-        if self._arguments or others or len(part) < missing + 2:
-            raise UsageError(
-                f'{part[0]} takes {" ".join(part[1:])}; give {" ".join(names)} before it,'
-                f' or after --'
-            )
-        index = self._parts.index(part) + 1
-        self._parts[index:index] = [[word] for word in part[-missing:]]
-        del part[-missing:]
-
-    def spread(self) -> list[str]:
-        """Return all words, with each list option repeated before each of its values."""
-        words = []
-        for first, *values in self._parts:
-            if first in self._lists and values:
-                words += [word for value in values for word in (first, value)]
-            else:
-                words += [first, *values]
-        return words
 
 
 # Words of the command line that are paths or URLs.

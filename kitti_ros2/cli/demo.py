@@ -43,7 +43,7 @@ def demo(
     layout: Annotated[
         str, choice([layout.value for layout in Layout], 'Layout of the recording')
     ] = 'raw',
-    frames: Annotated[int, typer.Option(metavar='N', help='Number of frames')] = 20,
+    frames: Annotated[int, typer.Option('--count', metavar='N', help='Number of frames')] = 20,
     seed: Annotated[
         int,
         typer.Option(metavar='N', help='Seed of the street; the same seed gives the same bytes'),
@@ -55,7 +55,7 @@ def demo(
 
     Examples:
       kitti-ros2 demo
-      kitti-ros2 demo street --layout tracking --frames 100
+      kitti-ros2 demo street --layout tracking --count 100
     """
     from ..files.local_staging import refuse_link
     from ..files.staging import staged

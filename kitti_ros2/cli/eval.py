@@ -43,6 +43,7 @@ from .output import (
     print_result,
     refuse_files,
     say,
+    say_error,
     step_progress,
 )
 
@@ -202,7 +203,7 @@ def eval_detection(
     OUT/NAME.json, and a table.
 
     Examples:
-      kitti-ros2 eval detection object results --frames val.txt --loose -o pr.png
+      kitti-ros2 eval detection object results pr.png --frame-list val.txt --loose
       kitti-ros2 eval detection object results --worst 20 -o errors
     """
     from ..evaluation.detection import read_frames, score_frames
@@ -212,6 +213,12 @@ def eval_detection(
     freeze_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)
+    former = [word for word in given.get('classes', ()) if '=' in word]
+    if former and not quiet:
+        say_error(
+            f'note: --classes {former[0]} is --classes {former[0].partition("=")[0]} --iou'
+            f' {former[0]} now; the next release takes names alone'
+        )
     read, options, recorded = make_detection_options(given)
     if batch.whole:
         from .eval_all import EVAL_DETECTION, run_eval_all

@@ -59,7 +59,7 @@ def _run_all(
     read = make_settings(given).read
     refuse_sequence(read)
     if results is not None:
-        raise UsageError(f'{results}: --results scores one recording; leave out --all')
+        raise UsageError(f'{results}: --predictions scores one recording; leave out --all')
     folder = output_folder(read, output.out, ENDINGS)
     roots = find_all_roots([src])
     index = folder / f'{_INDEX}{_SUFFIX}'
@@ -98,7 +98,7 @@ def report(
     ),
     results: Annotated[
         Optional[Path],
-        typer.Option('--results', metavar='PATH', help='Result files of a detector, to score'),
+        typer.Option('--predictions', metavar='PATH', help='Result files of a detector, to score'),
     ] = None,
     show: Annotated[bool, typer.Option('--open', help='Open the page in the browser')] = False,
     overwrite: OverwriteOption = False,

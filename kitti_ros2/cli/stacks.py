@@ -168,7 +168,7 @@ def stacks(
     ] = None,
     out: Annotated[
         Optional[Path],
-        typer.Option('--out', '-o', metavar='DIR', help='Folder of these files [default: STACK]'),
+        typer.Option('--out', '-o', metavar='OUT', help='Folder of these files [default: STACK]'),
     ] = None,
     overwrite: OverwriteOption = False,
     json: JsonOption = False,

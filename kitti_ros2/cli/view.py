@@ -469,7 +469,7 @@ def view(
         raise UsageError('--web, --save, --topics and --exclude-topics go with --rerun')
     if out is None:
         raise UsageError(
-            'OUT is missing (a picture, a film or a folder); usage: kitti-ros2 view SRC -o OUT,'
+            'OUT is missing (a picture, a film or a folder); usage: kitti-ros2 view SRC OUT,'
             ' or kitti-ros2 view SRC --rerun'
         )
 

@@ -176,14 +176,16 @@ def find_raw_root(root: Path, raw: Path | None = None) -> Path:
     """
     if raw is not None:
         if not raw.is_dir():
-            raise UsageError(f'{raw}: no such folder; --raw takes the folder of the raw drives')
+            raise UsageError(
+                f'{raw}: no such folder; --raw-drives takes the folder of the raw drives'
+            )
         return raw
     for folder in (root / 'raw', root.parent / 'raw', root.parent / 'raw_data', root.parent):
         if any(names.RAW_DATE.fullmatch(name) for name in STORE.names(folder)):
             return folder
     searched = either([f'{root.parent}/raw', f'{root.parent}/raw_data'])
     raise UsageError(
-        f'no raw drives beside {root} (in {searched}); give their folder with --raw,'
+        f'no raw drives beside {root} (in {searched}); give their folder with --raw-drives,'
         f' of their archives {names.TIMESTAMPS} in each stream is enough'
     )
 

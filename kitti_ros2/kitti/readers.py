@@ -320,7 +320,7 @@ class ObjectRecording(KittiRecording):
         self.streams = {stream: index for stream, index in self.streams.items() if len(index)}
         if not self.streams and self.losses:
             reason = self.losses[-1].message.partition(';')[0]
-            raise UsageError(f'{self.split}: no frame has a true stamp: {reason}; see --raw')
+            raise UsageError(f'{self.split}: no frame has a true stamp: {reason}; see --raw-drives')
         self.clock = Clock.UTC
         remaining = {n for index in self.streams.values() for n in index.numbers.tolist()}
         self.origins = {n: origin for n, origin in times.origins.items() if n in remaining}

@@ -296,7 +296,8 @@ class SplitOptions:
         'Folder of the lists',
         parse_path,
         unset='ImageSets in SRC',
-        metavar='DIR',
+        flags=('--out', '-o'),
+        metavar='OUT',
     )
     overwrite: bool = option(False, 'Replace existing lists', parse_flag)
 
@@ -514,7 +515,11 @@ class StatisticsOptions:
     group: ClassVar = 'Statistics'
 
     points: bool = option(
-        False, 'Also count points in boxes; reads all scans', parse_flag, common=True
+        False,
+        'Also count points in boxes; reads all scans',
+        parse_flag,
+        flags=('--count-points',),
+        common=True,
     )
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -24,6 +25,7 @@ from .declare import (
     parse_class_overlaps,
     parse_flag,
     parse_integer,
+    parse_least_overlaps,
     parse_path,
     parse_seconds_ns,
     parse_text,
@@ -101,8 +103,9 @@ class DetectionOptions:
     """Options of scoring detections.
 
     Attributes:
-        classes: Names with the overlap above which a detection matches, None for that of the
-            benchmark; empty for the benchmark's classes.
+        classes: Names with the overlap above which a detection matches, None for that of iou;
+            empty for the benchmark's classes.
+        iou: The overlaps of classes that have none; None for those of the benchmark.
         frames: A list of the frames to score; None for all that have results.
         loose: Whether to score with the loose overlaps, too.
         worst: Number of the frames with the most errors to list; None for none.
@@ -115,10 +118,18 @@ class DetectionOptions:
 
     classes: tuple[tuple[str, float | None], ...] = option(
         (),
-        'Classes to score, with the overlap (IoU) above which a detection counts: car truck=0.5',
+        'Classes to score; others than these three need an --iou',
         parse_class_overlaps,
         unset='car, pedestrian, cyclist',
-        metavar='NAME=IOU...',
+        metavar='NAME...',
+        common=True,
+    )
+    iou: LeastOverlaps | None = option(
+        None,
+        'Overlap above which a detection counts: 0.5 for all classes, truck=0.5 for one',
+        parse_least_overlaps,
+        unset='0.7 for car, 0.5 for pedestrian and cyclist',
+        metavar='IOU...',
         common=True,
     )
     frames: Path | None = option(
@@ -126,6 +137,7 @@ class DetectionOptions:
         'Score only the frames of a list such as ImageSets/val.txt',
         parse_path,
         unset='all with a result file',
+        flags=('--frame-list',),
         metavar='FILE',
         common=True,
     )
@@ -147,13 +159,19 @@ class DetectionOptions:
     def __post_init__(self) -> None:
         if self.worst is not None and self.worst < 1:
             raise UsageError(f'worst {self.worst} lists no frame; give a number from 1, such as 20')
-        for name, overlap in self.classes:
-            if overlap is None and name not in BENCHMARK_CLASSES:
+        for name in dict(self.iou.by_class) if self.iou else ():
+            if name not in self.limits:
                 raise UsageError(
-                    f'the class {name} needs an overlap, such as --classes {name}=0.5; the'
+                    f'--iou is given for {name}, which is not scored; give --classes'
+                    f' {" ".join(self.limits)} {name}'
+                )
+        for name, overlap in self.limits.items():
+            if dict(self.classes).get(name) is None and math.isnan(overlap):
+                raise UsageError(
+                    f'the class {name} needs an overlap, such as --iou {name}=0.5; the'
                     f' benchmark has one for {", ".join(BENCHMARK_CLASSES)} only'
                 )
-            if overlap is not None and not 0 <= overlap < 1:
+            if not 0 <= overlap < 1:
                 raise UsageError(
                     f'the overlap {overlap:g} of {name} is not within 0 to 1; give one such as 0.5'
                 )
@@ -166,12 +184,16 @@ class DetectionOptions:
     @property
     def limits(self) -> Mapping[str, float]:
         """The overlap above which a detection matches, by class in lower case."""
-        if not self.classes:
-            return BENCHMARK_CLASSES
+        chosen = self.classes or tuple((name, None) for name in BENCHMARK_CLASSES)
         return {
-            name: BENCHMARK_CLASSES[name] if overlap is None else overlap
-            for name, overlap in self.classes
+            name: self._overlap(name) if overlap is None else overlap for name, overlap in chosen
         }
+
+    def _overlap(self, name: str) -> float:
+        given = self.iou or LeastOverlaps()
+        of_benchmark = BENCHMARK_CLASSES.get(name, math.nan)
+        others = of_benchmark if given.others is None else given.others
+        return dict(given.by_class).get(name, others)
 
 
 # Options of scoring a trajectory.
@@ -368,7 +390,7 @@ class LiveOptions:
         parse_path,
         unset='none',
         flags=('--out', '-o'),
-        metavar='BAG',
+        metavar='OUT',
         common=True,
     )
     overwrite: bool = option(False, 'Replace existing files', parse_flag, common=True)

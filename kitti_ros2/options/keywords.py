@@ -204,6 +204,7 @@ class DetectionKeywords(FolderKeywords, total=False):
     """Options of eval detection."""
 
     classes: OneOrMore | Mapping[str, float | None]
+    iou: float | str | Sequence[str] | None
     frames: AnyPath | None
     loose: bool
     worst: int | None

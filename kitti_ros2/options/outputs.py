@@ -396,6 +396,7 @@ class BirdOptions:
         parse_four_numbers,
         name='range',
         unset='-10,60,-25,25',
+        flags=('--extent',),
         metavar='X,X,Y,Y',
     )
     y_range: tuple[float, float] = (-25.0, 25.0)

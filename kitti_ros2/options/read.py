@@ -140,6 +140,7 @@ class ReadOptions:
         'With --real-time: folder of the raw drives',
         parse_path,
         unset='beside the set',
+        flags=('--raw-drives',),
         metavar='DIR',
     )
     deskew: bool = option(
@@ -170,7 +171,7 @@ class ReadOptions:
             raise UsageError(f'the epoch {self.epoch_ns} is not after 1970; players refuse stamp 0')
         check_bounds(self, 'period')
         if not self.real_time and (self.mapping is not None or self.raw is not None):
-            flag = '--raw' if self.mapping is None else '--mapping'
+            flag = '--raw-drives' if self.mapping is None else '--mapping'
             raise UsageError(f'{flag} is for --real-time; give both')
         if self.deskew and self.undo_deskew:
             raise UsageError('deskew and undo_deskew exclude each other')

@@ -309,7 +309,7 @@ def test_a_root_without_units_is_one_line(command, tmp_path, capsys):
         (['stats', 'x', '--all', '-o', 'y', '--csv', 'z'], 'leave --csv out'),
         (['stats', 'x', '--all', '-o', 'y', '--sequence', '1'], 'give one of them'),
         (['report', 'x', '--all'], 'OUT is a folder'),
-        (['report', 'x', '--all', '-o', 'y', '--results', 'z'], 'leave out --all'),
+        (['report', 'x', '--all', '-o', 'y', '--predictions', 'z'], 'leave out --all'),
         (['report', 'x', '--jobs', '2'], 'give --all too'),
         (['to-kitti', 'x', '--all'], 'OUT is missing'),
         (['to-kitti', 'x', 'y', '--all', '--append'], '--append continues one'),

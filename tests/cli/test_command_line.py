@@ -126,7 +126,7 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         (['info', '{tmp}/absent'], 'no such file or folder'),
         (['info', '{tmp}'], 'the folder is empty'),
         (['nonsense'], 'there is no command nonsense'),
-        (['demo', '{tmp}/d', '--frames', '0'], 'expected 1 to'),
+        (['demo', '{tmp}/d', '--count', '0'], 'expected 1 to'),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_code_2(recordings, tmp_path, capsys, words, said):
@@ -340,7 +340,7 @@ def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('PATH', '/usr/bin')
     monkeypatch.setenv('COLUMNS', '80')
-    assert main(['demo', 'd', '--frames', '2']) == 0
+    assert main(['demo', 'd', '--count', '2']) == 0
     said = capsys.readouterr().out
     assert '/kitti/velo/points' in said
     # The longest topic beside the longest type: neither is broken over two lines.
@@ -362,8 +362,8 @@ def test_demo_makes_converts_and_shows(tmp_path, capsys, monkeypatch):
     assert (tmp_path / 'd' / 'bag' / 'metadata.yaml').is_file()
     assert said.endswith('\nA picture of its first frame: d/panel.png\n')
     assert cv2.imread('d/panel.png').size > 1_000_000
-    assert main(['demo', 'd', '--frames', '2']) == 2
-    assert main(['demo', 'd', '--frames', '2', '--overwrite', '-q']) == 0
+    assert main(['demo', 'd', '--count', '2']) == 2
+    assert main(['demo', 'd', '--count', '2', '--overwrite', '-q']) == 0
 
 
 @pytest.mark.parametrize('place', ['', 'not on the path', 'on the path'])
@@ -377,7 +377,7 @@ def test_the_next_steps_begin_with_the_activation_of_the_environment(
         (programs / name).touch(mode=0o755)
     monkeypatch.setattr(sys, 'prefix', str(programs.parent))
     monkeypatch.setenv('PATH', str(programs) if place == 'on the path' else '/usr/bin')
-    assert main(['demo', str(tmp_path / 'd'), '--frames', '1']) == 0
+    assert main(['demo', str(tmp_path / 'd'), '--count', '1']) == 0
     steps = capsys.readouterr().out.partition('What to do next:\n')[2]
     words = shlex.split(steps.splitlines()[0])
     expected = ['.', f'{programs}/activate'] if place == 'not on the path' else ['kitti-ros2']
@@ -397,7 +397,7 @@ def test_a_demo_that_the_disk_refuses_is_named(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize('layout', [Layout.RAW, Layout.OBJECT])
 def test_a_demo_replaces_its_own_recording_only(layout, tmp_path, capsys):
-    words = ['demo', str(tmp_path / 'd'), '--frames', '2', '--layout', layout.value, '-q']
+    words = ['demo', str(tmp_path / 'd'), '--count', '2', '--layout', layout.value, '-q']
     assert main(words) == 0
     assert main([*words, '--overwrite']) == 0
     assert sorted(path.name for path in (tmp_path / 'd').iterdir()) == ['bag', 'kitti', 'panel.png']
@@ -408,7 +408,7 @@ def test_a_demo_replaces_its_own_recording_only(layout, tmp_path, capsys):
 
 
 def test_a_demo_waits_for_no_other_and_follows_no_link(tmp_path, capsys):
-    words = ['demo', str(tmp_path / 'd'), '--frames', '2', '-q']
+    words = ['demo', str(tmp_path / 'd'), '--count', '2', '-q']
     running = Staging(tmp_path / 'd/kitti', lambda _: None)
     assert main([*words, '--overwrite']) == 2
     running.discard()

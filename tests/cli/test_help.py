@@ -27,20 +27,20 @@ COMMANDS = {
     'recover': 'BAG OUT',
     'info': 'SRC',
     'validate': 'PATH...',
-    'view': 'SRC',
-    'report': 'SRC',
+    'view': 'SRC [OUT]',
+    'report': 'SRC [OUT]',
     'crop': 'SRC OUT',
     'stats': 'PATH...',
-    'split': 'SRC',
-    'stacks': '[STACK]',
+    'split': 'SRC [OUT]',
+    'stacks': '[STACK] [OUT]',
     'download': '[WHAT... ROOT]',
     'extract': 'ARCHIVE... ROOT',
     'demo': '[OUT]',
-    'eval tracking': 'GT RESULTS',
+    'eval tracking': 'GT RESULTS [OUT]',
     'play': '[SRC]',
-    'eval detection': 'GROUND_TRUTH RESULTS',
-    'eval odometry': 'GT RESULT',
-    'eval live': 'SRC',
+    'eval detection': 'GROUND_TRUTH RESULTS [OUT]',
+    'eval odometry': 'GT RESULT [OUT]',
+    'eval live': 'SRC [OUT]',
 }
 TABLES = {
     'to-bag': table.TO_BAG_ALL,
@@ -94,7 +94,7 @@ def test_a_command_has_its_arguments_as_written_groups_and_two_examples(command,
     text = help_of(*command.split())
     assert max(map(len, text.splitlines())) <= 80
     assert text.startswith(f'Usage: kitti-ros2 {command} [OPTIONS] {COMMANDS[command]}\n')
-    for name in COMMANDS[command].strip('[]').split():
+    for name in re.findall(r'[A-Z_]+', COMMANDS[command]):
         assert re.search(rf'^  .*\b{name}', text.split('Arguments:\n')[1], re.MULTILINE)
     examples = text.split('Examples:\n')[1].splitlines()
     assert len(examples) == 2
@@ -111,12 +111,13 @@ def test_options_stand_in_their_groups_with_their_choices(command, help_of):
     sections = dict(re.findall(r'^(\S.*):\n((?:  .*\n)+)', text, re.MULTILINE))
     for option in TABLES[command]:
         assert option.group
+        if option.name == 'out':
+            assert '  OUT, -o OUT ' in sections['Arguments']
+            continue
         if option.config_only:
             assert f'  {option.name} ' in sections['In the file of --config']
             continue
-        spelling = re.escape(f'--{option.name.replace("_", "-")}')
-        others = {'train_fraction': '--split', 'loop': '--loop', 'stack': '--for'}
-        spelling = others.get(option.name, spelling)
+        spelling = re.escape(option.flag)
         listed = option.choices and not option.metavar
         words = re.escape(f' [{"|".join(option.choices)}]') if listed else ''
         assert re.search(rf'{spelling}\b{words}', sections[option.group]), option.name
@@ -130,10 +131,15 @@ def test_help_shows_a_dozen_options_and_help_all_the_others(command, help_of):
     )
     _, found = find_command(command.split())
     count = sum(param.param_type_name == 'option' for param in found.params)
+    count -= '[OUT]' in found.collect_usage_pieces(None)  # which is listed with the arguments
     assert len(shown) == min(count, len(shown)) <= 12
     assert shown <= all_shown
     left = f'These are {len(shown)} of {count} options; kitti-ros2 {command} --help-all shows all.'
-    assert (left in ' '.join(help_of(*command.split()).split())) == (shown < all_shown) == (len(shown) < count)
+    assert (
+        (left in ' '.join(help_of(*command.split()).split()))
+        == (shown < all_shown)
+        == (len(shown) < count)
+    )
 
 
 def test_the_modes_of_pictures_are_the_choices():

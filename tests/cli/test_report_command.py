@@ -45,7 +45,7 @@ def test_the_command_says_what_the_page_says(recordings, drive, tmp_path, capsys
 def test_results_of_a_detector_are_a_section(recordings, tmp_path, capsys):
     split, out = recordings[Layout.OBJECT] / 'training', tmp_path / 'r.html'
     results = shutil.copytree(split / 'label_2', tmp_path / 'results')
-    words = ['report', str(split), '--results', str(results), '-o', str(out), '--overwrite']
+    words = ['report', str(split), '--predictions', str(results), '-o', str(out), '--overwrite']
     assert main(words) == 0
     page = Page.of(out)
     assert page.faults == []

@@ -122,7 +122,7 @@ def test_titles_differ(tmp_path):
 def test_json_and_csv_have_all_figures(all_recordings, tmp_path, capsys):
     root = all_recordings
     table = tmp_path / 'stats.csv'
-    assert main(['stats', str(root), '--points', '--json', '--csv', str(table)]) == 0
+    assert main(['stats', str(root), '--count-points', '--json', '--csv', str(table)]) == 0
     (found,) = json.loads(capsys.readouterr().out)['sets']
     assert len(found['recordings']) == 4
     assert found['total']['frames'] == 20
@@ -182,7 +182,7 @@ def test_points_without_scans_are_a_note(capsys, tmp_path):
     folder = tmp_path / 'training' / 'label_2'
     folder.mkdir(parents=True)
     (folder / '000000.txt').write_text(CAR)
-    assert main(['stats', str(tmp_path), '--points']) == 0
+    assert main(['stats', str(tmp_path), '--count-points']) == 0
     assert f'note: {tmp_path}: no scans' in capsys.readouterr().out
 
 
@@ -202,7 +202,7 @@ def test_points_without_scans_are_a_note(capsys, tmp_path):
         (['stats', '{raw}', '-o', '{tmp}/file.txt', '--overwrite'], 'it is no picture'),
         (['stats', '{raw}', '--csv', '{raw}/oxts/o.csv'], 'lies inside the recording'),
         (['stats', '{raw}', '{tmp}/absent', '--csv', '{tmp}/o.csv'], 'no such file or folder'),
-        (['stats', '{raw}', '--point'], 'did you mean --points'),
+        (['stats', '{raw}', '--count-point'], 'did you mean --count-points'),
     ],
 )
 def test_mistakes_are_one_line(words, said, recordings, tmp_path, capsys):
@@ -248,7 +248,7 @@ def test_a_picture_has_a_panel_for_all_that_is_known(recordings, tmp_path, monke
 
     monkeypatch.setattr(figures.Figure, 'savefig', note)
     out = tmp_path / 'stats.png'
-    words = ['stats', str(recordings[Layout.TRACKING]), '--points', '-o', str(out), '-q']
+    words = ['stats', str(recordings[Layout.TRACKING]), '--count-points', '-o', str(out), '-q']
     assert main(words) == 0
     assert titles == [
         'Labels',

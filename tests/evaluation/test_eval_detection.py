@@ -129,10 +129,10 @@ def test_a_list_chooses_the_frames(folders, tmp_path, capsys):
     write_frames(results, {5: FOUND, 9: 'invalid\n'})
     chosen = tmp_path / 'val.txt'
     chosen.write_text('000003\n000120\n')
-    code, out, err = run(capsys, labels, results, '--json', '--frames', chosen)
+    code, out, err = run(capsys, labels, results, '--json', '--frame-list', chosen)
     assert (code, json.loads(out)['frames'], err) == (0, 2, '')
     chosen.write_text('000003\n000200\n000300\nabc\n')
-    code, out, err = run(capsys, labels, results, '--json', '--frames', chosen)
+    code, out, err = run(capsys, labels, results, '--json', '--frame-list', chosen)
     assert (code, json.loads(out)['frames']) == (1, 1)
     assert f'{results}: no file for frames 200,' in err
     assert f'{labels}: no labels for frames 300,' in err
@@ -263,12 +263,12 @@ def test_tracklets_of_a_drive_are_projected_into_the_image(recordings, tmp_path,
         (['{gt}', '{gt}/000003.txt'], '000003.txt: no line begins with a frame number'),
         (['{gt}', '{tmp}/others'], 'no frame has both results and labels'),
         (['{testing}', '{res}'], 'has no labels'),
-        (['{gt}', '{res}', '--classes', 'truck'], 'such as --classes truck=0.5'),
+        (['{gt}', '{res}', '--classes', 'truck'], 'such as --iou truck=0.5'),
         (['{gt}', '{res}', '--classes', 'car=x'], "such as car or truck=0.5, not 'car=x'"),
         (['{gt}', '{res}', '--classes', 'car=1'], 'not within 0 to 1'),
         (['{gt}', '{res}', '--classes', 'car=nan'], 'not within 0 to 1'),
-        (['{gt}', '{res}', '--frames', '{tmp}/absent'], 'absent'),
-        (['{gt}', '{res}', '--frames', '{tmp}/tracks/empty.txt'], 'no frame among those of'),
+        (['{gt}', '{res}', '--frame-list', '{tmp}/absent'], 'absent'),
+        (['{gt}', '{res}', '--frame-list', '{tmp}/tracks/empty.txt'], 'no frame among those of'),
         (['{gt}', '{res}', '-o', '{tmp}/o.jpg'], 'ends in .png, .pdf or .svg'),
         (['{gt}', '{res}', '-o', '{tmp}/text.txt', '--overwrite'], 'it is no picture'),
         (['{gt}', '{res}', '-o', '{res}/o.png'], 'lies inside the recording'),

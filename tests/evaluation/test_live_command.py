@@ -99,7 +99,7 @@ def test_the_document_has_the_scores_of_the_frames_that_were_played(holes, run, 
     listed = tmp_path / 'played.txt'
     listed.write_text('000003\n000004\n')
     words = ['eval', 'detection', str(holes), str(bag), '--topic', DETECTIONS, '--json']
-    main([*words, '--frames', str(listed)])
+    main([*words, '--frame-list', str(listed)])
     scored = json.loads(capsys.readouterr().out)
     assert {name: values[name] for name in scored} == scored
 

@@ -66,7 +66,7 @@ def test_sets_without_labels_have_no_note(converted):
 
 
 def test_the_origin_of_an_own_bag_is_refused(tmp_path, capsys):
-    assert main(['demo', str(tmp_path / 'drive'), '--frames', '2', '-q']) == 0
+    assert main(['demo', str(tmp_path / 'drive'), '--count', '2', '-q']) == 0
     assert main(['to-bag', str(tmp_path / 'drive/kitti'), str(tmp_path / 'bag'), '-q']) == 0
     capsys.readouterr()
     call = ['to-kitti', str(tmp_path / 'bag'), str(tmp_path / 'out'), '--origin', '49,8.4,110']

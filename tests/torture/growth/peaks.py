@@ -26,7 +26,7 @@ _API = (
     ' sum(len(frame.points) for frame in recording)'
 )
 _ODOMETRY = 'eval odometry IN IN --topic /kitti/ground_truth/odometry'
-_OF_ALL = ('info IN', 'validate IN', 'report IN -o OUT.html', 'stats IN', 'stats IN --points',
+_OF_ALL = ('info IN', 'validate IN', 'report IN -o OUT.html', 'stats IN', 'stats IN --count-points',
            'view IN -o OUT.png', 'view IN -o OUT.mp4 --mode bev', 'API')  # fmt: skip
 _OF_BAGS = ('to-kitti IN OUT --layout object', 'to-kitti IN OUT --layout raw', 'recover IN OUT')
 _COMMANDS = {

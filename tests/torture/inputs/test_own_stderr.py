@@ -48,7 +48,7 @@ def of_folder(source: Path, out: Path) -> list[list[object]]:
     return [
         ['info', source],
         ['validate', source, '--decode'],
-        ['stats', source, '--points'],
+        ['stats', source, '--count-points'],
         ['report', source, '-o', out / 'folder.html'],
         ['view', source, '-o', out / 'panel.png'],
         ['view', source, '-o', out / 'boxes.png', '--mode', 'boxes'],
