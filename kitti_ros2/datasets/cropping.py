@@ -279,6 +279,11 @@ def crop_sets(
     recordings = open_folders(src, options.read)
     _check_out(src, out)
     _refuse_tracklets(recordings, options)
+    if not options.changes:
+        raise UsageError(
+            'crop without a filter would write all scans unchanged; give --range :80, --view'
+            ' reduced or another one, see kitti-ros2 crop --help'
+        )
     linker = FileLinker(copy=options.copy)
     jobs = [RecordingCrop(recording, options, linker) for recording in recordings]
     if not any(map(len, jobs)):
@@ -293,15 +298,28 @@ def crop_sets(
     notes = [note for job in jobs for note in job.notes]
     if options.read.sequence is None:
         notes += _note_left_out(absolute(src), frozenset().union(*(job.tops for job in jobs)))
-    if linker.why:
-        copied = sum(result.copied for result in results)
-        notes.append(f'{format_count(copied, "file")} copied, not hard-linked: {linker.why}')
+    notes += _note_links(src, linker, results)
     moved = next((job.moved for job in jobs if job.moved), '')
     if moved:
         notes.append(f"scans are written {moved}, not as in KITTI's files")
     elif not options.cuts:
-        notes.append('no filter is given, so all scans are unchanged')
+        notes.append('no filter of points is given, so all scans are unchanged')
     return CropReport(out, recordings[0].layout.value, results, losses, tuple(notes))
+
+
+def _note_links(
+    src: Path, linker: FileLinker, results: Sequence[CroppedRecording]
+) -> Iterator[str]:
+    """Note which of the unchanged files are hard links, and why others are none."""
+    linked = sum(result.linked for result in results)
+    if linked:
+        yield (
+            f'{format_count(linked, "unchanged file")} shared with {src} (hard links): who edits'
+            f' one changes both; --copy makes copies'
+        )
+    if linker.why:
+        copied = sum(result.copied for result in results)
+        yield f'{format_count(copied, "file")} copied, not hard-linked: {linker.why}'
 
 
 def _run(jobs: list[RecordingCrop], root: Path, progress: Progress | None) -> None:

@@ -229,6 +229,12 @@ class CropOptions:
         limits = (self.view, self.range_m, self.height_m, self.lasers, self.voxel_m)
         return bool(self.boxes) or any(limit is not None for limit in limits)
 
+    @property
+    def changes(self) -> bool:
+        """Whether any option asks for other scans or labels than those of the source."""
+        moves = self.read.deskew or self.read.undo_deskew
+        return self.cuts or moves or self.empty_labels is EmptyLabels.DROP
+
 
 # Options of dividing a data set into lists of frames or sequences.
 

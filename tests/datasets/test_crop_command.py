@@ -36,7 +36,9 @@ def complain(words, capsys):
 def test_the_summary_has_the_points_of_each_recording(source, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['crop', str(source), 'out', '--range', ':20']) == 0
-    scans, total = capsys.readouterr().out.splitlines()
+    shared, scans, total = capsys.readouterr().out.splitlines()
+    assert shared.startswith('note: ')
+    assert shared.endswith('(hard links): who edits one changes both; --copy makes copies')
     assert scans.startswith('out/training/velodyne: 5 scans, ')
     assert scans.endswith(' %)')
     assert total.startswith('out: layout object, ')

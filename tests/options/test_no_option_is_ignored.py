@@ -53,7 +53,7 @@ COMMANDS = {
     'to-kitti': (TO_KITTI, ['to-kitti', 'BAG', 'out']),
     'view': (VIEW, ['view', 'IN', '-o', 'out.png']),
     'report': (REPORT, ['report', 'IN', '-o', 'out.html']),
-    'crop': (CROP, ['crop', 'IN', 'out']),
+    'crop': (CROP, ['crop', 'IN', 'out', '--range', ':80']),
     'split': (SPLIT, ['split', 'IN', '--out', 'lists']),
     'stats': (STATS, ['stats', 'IN']),
     'validate': (VALIDATE, ['validate', 'IN']),

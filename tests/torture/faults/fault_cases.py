@@ -203,5 +203,5 @@ CASES = {
         retry=('--retry',),
     ),
     'crop': Case(('crop', '{source}', '{out}', '-q', '--range', ':20'), _drive),
-    'crop --copy': Case(('crop', '{source}', '{out}', '-q', '--copy'), _drive),
+    'crop --copy': Case(('crop', '{source}', '{out}', '-q', '--copy', '--range', ':1000'), _drive),
 }  # fmt: skip
