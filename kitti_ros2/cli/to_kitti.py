@@ -36,8 +36,9 @@ from .output import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
+    from rich.console import Console
     from rich.table import Table
 
     from ..bags.bag_files import OpenBag
@@ -52,6 +53,11 @@ if TYPE_CHECKING:
 # The plan of a conversion as a table for a terminal, and as values for JSON.
 
 _MOST_UNUSED = 12
+_COLUMNS = ('topic', 'type', 'count', 'Hz', 'frame')
+_NUMBERS = ('count', 'Hz')
+_SPARE = ('frame', 'Hz', 'type')
+"""Columns that a narrow terminal leaves out, in this order, before a name is broken."""
+_WIDEST = 10_000
 _UNUSED = '-'
 _UNUSED_NOTE = 'passed over: '
 _SHORT = {Stream.CALIBRATION.value: 'calib'}
@@ -68,9 +74,12 @@ def print_plan(names: str, proposal: PlanProposal, overview: PlanOverview) -> No
     """
     screen = console(soft_wrap=True)
     screen.print(one_line(f'{names}: {_head(proposal, overview)}'), style='bold', markup=False)
-    screen.print(_topic_table(overview), soft_wrap=False)
+    table, left_out = _topic_table(overview, screen)
+    screen.print(table, soft_wrap=False)
     if overview.unused:
         say(f'{_UNUSED}: passed over in this layout')
+    if left_out:
+        say(f'not shown at this width: {", ".join(left_out)}; all with --json')
 
 
 def _head(proposal: PlanProposal, overview: PlanOverview) -> str:
@@ -82,27 +91,41 @@ def _head(proposal: PlanProposal, overview: PlanOverview) -> str:
     return f'{head}, {format_count(overview.frames, "frame")}, one for each {plan.reference}'
 
 
-def _topic_table(overview: PlanOverview) -> Table:
+def _topic_table(overview: PlanOverview, screen: Console) -> tuple[Table, Sequence[str]]:
+    """Return the table, without the columns that would break names, and the names of these."""
+    wide = screen.options.update(max_width=_WIDEST)
+    for count in range(len(_SPARE) + 1):
+        table = _make_table(overview, _SPARE[:count])
+        if screen.measure(table, options=wide).maximum <= screen.width:
+            break
+    return table, _SPARE[:count]
+
+
+def _make_table(overview: PlanOverview, left_out: Collection[str]) -> Table:
     table = plain_table('stream', ())
-    table.add_column('topic', overflow='fold')
-    table.add_column('type', overflow='fold')
-    table.add_column('count', justify='right', no_wrap=True)
-    table.add_column('Hz', justify='right', no_wrap=True)
-    table.add_column('frame', overflow='fold')
-    for topic in overview.used:
-        _add(table, ' '.join(_SHORT.get(name, name) for name in topic.streams), topic)
-    for topic in overview.unused[:_MOST_UNUSED]:
-        _add(table, _UNUSED, topic)
-    rest = len(overview.unused) - _MOST_UNUSED
+    names = [name for name in _COLUMNS if name not in left_out]
+    for name in names:
+        is_number = name in _NUMBERS
+        table.add_column(
+            name, overflow='fold', justify='right' if is_number else 'left', no_wrap=is_number
+        )
+    shown = overview.unused[:_MOST_UNUSED]
+    for topic in (*overview.used, *shown):
+        stream = ' '.join(_SHORT.get(name, name) for name in topic.streams)
+        cells = _cells(topic)
+        table.add_row(_UNUSED if topic in shown else stream, *(cells[name] for name in names))
+    rest = len(overview.unused) - len(shown)
     if rest > 0:
-        table.add_row(_UNUSED, f'{rest} more; all with --json', '', '', '', '')
+        table.add_row(_UNUSED, f'{rest} more; all with --json')
     return table
 
 
-def _add(table: Table, stream: str, topic: PlannedTopic) -> None:
+def _cells(topic: PlannedTopic) -> dict[str, str]:
+    """Return the cells of a topic by column."""
     rate = '' if topic.rate_hz is None else f'{topic.rate_hz:.1f}'
     kind = topic.msgtype.rsplit('/', 1)[-1]
-    table.add_row(stream, cell(topic.topic), cell(kind), f'{topic.count}', rate, cell(topic.frame))
+    values = cell(topic.topic), cell(kind), f'{topic.count}', rate, cell(topic.frame)
+    return dict(zip(_COLUMNS, values, strict=True))
 
 
 def print_notes(proposal: PlanProposal, overview: PlanOverview) -> None:

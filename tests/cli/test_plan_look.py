@@ -94,14 +94,21 @@ def rows_of(text: str) -> dict[str, list[str]]:
     return found
 
 
-@pytest.mark.parametrize('columns', [80, 60])
-def test_a_terminal_shows_the_plan_within_its_width(columns, bag):
+@pytest.mark.parametrize(
+    ('columns', 'left_out'), [(100, []), (80, ['frame']), (60, ['frame', 'Hz', 'type'])]
+)
+def test_a_terminal_shows_the_plan_within_its_width_and_no_broken_name(columns, left_out, bag):
     code, lines = terminal_of(columns, bag)
     assert code == 0
     table = lines[lines.index(next(line for line in lines if line.startswith('stream '))) :]
     table = table[: table.index('-: passed over in this layout')]
     assert max(map(len, table)) <= columns
-    streams = [line.split()[0] for line in table if not line.startswith(' ')]
+    shown = [name for name in ('topic', 'type', 'count', 'Hz', 'frame') if name not in left_out]
+    assert table[0].split() == ['stream', *shown]
+    assert (f'not shown at this width: {", ".join(left_out)}; all with --json' in lines) == bool(
+        left_out
+    )
+    streams = [line.split()[0] for line in table]
     assert streams[1:] == ['scan', 'image_2', 'image_3', 'labels', *['calib'] * 3, *['-'] * 4]
 
 
