@@ -188,6 +188,22 @@ class Command(TyperCommand):
         parsed: list[str] = super().parse_args(ctx, args)
         return parsed
 
+    def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as above
+        """Run the command; a folder that was made for OUT is named, as it may be a misspelt one."""
+        folder = _missing_folder(self._out_of(ctx.params))
+        code = super().invoke(ctx)
+        if folder is not None and folder.exists() and not ctx.params.get('quiet'):
+            typer.echo(f'note: the folder {folder} was not there; it is made for OUT', err=True)
+        return code
+
+    def _out_of(self, params: Mapping[str, Any]) -> Path | None:
+        """Return the path of OUT, as far as it is given."""
+        last = self._arguments[-1] if self._arguments else None
+        if last is None or not last.metavar.endswith(_OUT_ARGUMENTS):
+            return params.get('out')
+        value = params[last.name] or None
+        return value[-1] if isinstance(value, (list, tuple)) else value
+
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:  # noqa: ANN401 - as above
         """Complete a value of a list, or an option with plain help."""
         option = ctx.meta.get(OPEN_LIST)
@@ -231,6 +247,13 @@ class Command(TyperCommand):
         """Return the options with several values, by spelling."""
         params = [param for param in self.get_params(ctx) if getattr(param, 'multiple', False)]
         return {flag: param for param in params for flag in param.opts}
+
+
+def _missing_folder(out: Path | None) -> Path | None:
+    """Return the topmost folder that is missing above a path of this machine; None if none is."""
+    if out is None or '://' in str(out):
+        return None
+    return next((path for path in reversed(Path(out).parents) if not path.exists()), None)
 
 
 def _write_sections(formatter: Any, sections: Mapping[str, Any]) -> None:  # noqa: ANN401 - as above

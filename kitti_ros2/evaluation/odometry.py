@@ -15,6 +15,7 @@ from ..files.remote import as_path
 from ..messages.naming import FrameNames
 from ..model.errors import (
     BadFileError,
+    KittiRos2Error,
     Loss,
     MissingPathError,
     NotABagError,
@@ -125,6 +126,21 @@ def open_result(path: Path, options: OdometryOptions, links: Sequence[Link]) -> 
         trajectory, own = _open_bag_result(path, options)
     frame = (options.frame or trajectory.frame).lstrip('/')
     return trajectory.moved(frame_t_cam0(frame, own, links)) if frame else trajectory
+
+
+def _refuse_truth(path: Path, read: ReadOptions, options: OdometryOptions) -> None:
+    """Refuse a KITTI folder with poses as a result: the arguments are exchanged.
+
+    Raises:
+        UsageError: It is one.
+    """
+    if not path.is_dir() or looks_like_bag(path):
+        return
+    try:
+        open_truth(path, read, options)
+    except (KittiRos2Error, OSError):
+        return
+    raise UsageError(f'{path}: is a KITTI folder with poses; give GT first, then RESULT')
 
 
 def _open_bag_result(
@@ -443,6 +459,7 @@ def score_odometry(
     """Score a trajectory; see evaluate_odometry."""
     check_evo()
     truth = open_truth(ground_truth, read, options)
+    _refuse_truth(result, read, options)
     trajectory = open_result(result, options, truth.links)
     poses, numbers = truth.trajectory.poses, truth.trajectory.numbers
     if numbers is None:

@@ -15,7 +15,14 @@ from ..kitti.label_file import find_frame_files
 from ..kitti.names import SEQUENCE_DIGITS, SPLITS, TRACKING_LABELS, TXT
 from ..kitti.store import STORE
 from ..model.boxes import UNKNOWN_OCCLUSION
-from ..model.errors import Loss, MissingPathError, UsageError, format_numbers, some_of
+from ..model.errors import (
+    KittiRos2Error,
+    Loss,
+    MissingPathError,
+    UsageError,
+    format_numbers,
+    some_of,
+)
 from ..model.streams import Layout, Stream
 from ..options.evaluation import TRACKING, make_tracking_options
 from .bag_results import read_bag_results
@@ -343,7 +350,7 @@ def score_tracking(
         KittiRos2Error: See evaluate_tracking.
     """
     check_trackeval()
-    labelled = find_sequences(ground_truth, read)
+    labelled = _labelled(ground_truth, results, read)
     complete = read.sequence is None and not ground_truth.is_file()
     source = find_results(results, labelled, options, complete=complete)
     classes = ClassMap(dict(options.class_map), TRACKER_CLASSES)
@@ -371,6 +378,25 @@ def score_tracking(
         tuple(notes),
         figures.parts,
     )
+
+
+def _labelled(ground_truth: Path, results: Path, read: ReadOptions) -> list[TruthSequence]:
+    """Return the sequences with labels; an error says so if the other path has them."""
+    try:
+        return find_sequences(ground_truth, read)
+    except MissingPathError:
+        raise
+    except KittiRos2Error:
+        if not _has_labels(results, read):
+            raise
+        raise UsageError(f'{results}: has the labels; give GT first, then RESULTS') from None
+
+
+def _has_labels(path: Path, read: ReadOptions) -> bool:
+    try:
+        return bool(find_sequences(path, read))
+    except (KittiRos2Error, OSError):
+        return False
 
 
 def _count(length: int, frames: Container[int] | None) -> int:

@@ -74,3 +74,22 @@ def test_what_belongs_into_a_file_is_taken_with_a_note(recordings, tmp_path, cap
     assert main([*words, '--marker-alpha', '0.5']) == 0
     note = 'note: --marker-alpha has its place in the file of --config, as marker_alpha; '
     assert capsys.readouterr().err.startswith(note)
+
+
+@pytest.mark.parametrize('words', ['to-bag SRC a/b/o.mcap', 'view SRC -o a/o.png', 'split SRC a/o'])
+def test_a_folder_that_is_made_for_out_is_named_once(
+    words, recordings, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    given = words.replace('SRC', str(recordings[Layout.OBJECT])).split()
+    assert main(given) == 0
+    assert capsys.readouterr().err == 'note: the folder a was not there; it is made for OUT\n'
+    assert main([*given, '--overwrite']) == 0
+    assert not capsys.readouterr().err
+
+
+def test_a_folder_is_not_made_for_what_fails(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(['to-bag', 'x', 'a/o.mcap']) == 2
+    assert 'note' not in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

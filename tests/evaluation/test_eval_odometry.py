@@ -547,7 +547,8 @@ def test_mistakes_are_one_line(root, recordings, tmp_path, run):
             'empty.txt: is empty; expected a bag, or 12 numbers a line',
         ),
         ((gt(root), '/dev/null'), 'is no regular file; a result is a poses file'),
-        ((gt(root), root), 'is a folder without a bag; a result is a poses file'),
+        ((gt(root), recordings[Layout.OBJECT]), 'is a folder without a bag; a result is a poses'),
+        ((file, root), 'is a KITTI folder with poses; give GT first, then RESULT'),
         ((gt(root), file, '-o', tmp_path / 'a.jpg'), 'a plot ends in .png, .pdf or .svg'),
     ):
         code, out, err = run(*words)

@@ -21,7 +21,7 @@ from kitti_ros2.evaluation.track_metrics import load_trackeval
 from kitti_ros2.kitti.label_file import format_tracking_labels
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.model.boxes import Box
-from kitti_ros2.model.errors import BadFileError, KittiRos2Error, UsageError
+from kitti_ros2.model.errors import BadFileError, KittiRos2Error, MissingPathError, UsageError
 from kitti_ros2.model.streams import Layout
 
 from result_bag import answers, answers_2d, stamps_of, write_bag  # isort: skip
@@ -470,6 +470,16 @@ def test_ground_truth_without_labels_is_an_error(recordings, tmp_path):
         evaluate_tracking(recordings[Layout.RAW], tracks)
     with pytest.raises(UsageError, match='ground truth is a tracking set with label_02'):
         evaluate_tracking(tracks / '0000.txt', tracks)
+
+
+@needs_trackeval
+def test_exchanged_arguments_are_noticed(truth, tmp_path):
+    tracks, labelled = write_tracks(tmp_path / 'tracks', {'0000': [box(0, 1)]}), truth([box(0, 1)])
+    for results in (tracks, tracks / '0000.txt'):
+        with pytest.raises(UsageError, match='has the labels; give GT first, then RESULTS'):
+            evaluate_tracking(results, labelled)
+    with pytest.raises(MissingPathError):
+        evaluate_tracking(tmp_path / 'absent', labelled)
 
 
 def test_without_trackeval_the_error_says_what_to_install(truth, tracks, monkeypatch):
