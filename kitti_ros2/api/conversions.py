@@ -63,7 +63,7 @@ def to_bag(
         progress: Called with the samples done and the number of all.
         jobs: Number of worker processes that encode, 1 to 256; 1 encodes in threads, as do
             programs that have threads. The bag is the same.
-        options: Options of `kitti-ros2 to-bag --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 to-bag --help-all`, with underscores and the same defaults:
             images='raw', topics=['/kitti/oxts/*'], start=12, end='3.5s', overwrite=True, ...
 
     Returns:
@@ -118,7 +118,7 @@ def to_kitti(
         out: The folder to create; with append=True an object set to add to.
         plan: A plan file, as printed by `kitti-ros2 to-kitti BAG --plan`.
         progress: Called with the samples done and the number of all.
-        options: Options of `kitti-ros2 to-kitti --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 to-kitti --help-all`, with underscores and the same defaults:
             layout='object', name='training', calib=..., split=0.8, append=True.
 
     Returns:

@@ -18,14 +18,8 @@ import typer
 from ..files.remote import as_path
 from ..model.bag_formats import CONTAINERS
 from ..model.errors import UsageError, did_you_mean
-from .command import (
-    VARIABLE,
-    Command,
-    add_options,
-    complete_at_first_tab,
-    completion_timeout,
-    completion_words,
-)
+from .command import Command, add_options
+from .completion import VARIABLE, complete_at_first_tab, completion_timeout, completion_words
 from .exits import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 
 if TYPE_CHECKING:

@@ -238,7 +238,7 @@ def crop(
         src: A drive, split, sequence or a whole set of them.
         out: The folder to create.
         progress: Called with the scans done and the number of all.
-        options: Options of `kitti-ros2 crop --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 crop --help-all`, with underscores and the same defaults:
             view='reduced', box=[0, -40, -3, 70.4, 40, 1], range=(0.5, 80), lasers=32, voxel=0.1,
             folder='velodyne_reduced', empty_labels='drop', copy=True, sequence='00'.
 

@@ -473,7 +473,7 @@ def extract(
         archives: Zip or tar archives, as KITTI has them or repacked.
         root: The folder; it is created.
         progress: Called with the bytes done and the bytes of all.
-        options: Options of `kitti-ros2 extract --help`, with underscores and the same defaults.
+        options: Options of `kitti-ros2 extract --help-all`, with underscores and the same defaults.
 
     Returns:
         Written, existing and skipped files.

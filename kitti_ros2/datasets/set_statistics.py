@@ -77,7 +77,7 @@ def statistics(
     Args:
         path: A KITTI folder with any number of drives, splits and sequences, or a bag.
         progress: Called with the frames done and the number of frames found so far.
-        options: Options of `kitti-ros2 stats --help`, with the same defaults: points=True,
+        options: Options of `kitti-ros2 stats --help-all`, with the same defaults: points=True,
             layout='raw', sequence='0005'.
 
     Returns:

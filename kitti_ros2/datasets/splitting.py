@@ -548,7 +548,7 @@ def split(src: AnyPath, **options: Unpack[SplitKeywords]) -> SplitReport:
 
     Args:
         src: An object, tracking, odometry or raw data set.
-        options: Options of `kitti-ros2 split --help`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 split --help-all`, with underscores and the same defaults:
             ratio=(0.8, 0.2), names=['train', 'val'], seed=1, by_drive=True, lists=[...],
             check=True, mapping=..., out=..., overwrite=True, layout=...
 

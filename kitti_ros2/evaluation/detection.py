@@ -364,7 +364,7 @@ def evaluate_detection(
             folder of a recording with labels.
         results: A folder of result files, NNNNNN.txt, a tracker's file, or a bag.
         progress: Called for each file that is read.
-        options: Options of `kitti-ros2 eval detection --help`, with the same defaults:
+        options: Options of `kitti-ros2 eval detection --help-all`, with the same defaults:
             classes={'car': 0.7, 'truck': 0.5}, frames='ImageSets/val.txt', loose=True, worst=20.
 
     Returns:

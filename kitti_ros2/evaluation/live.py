@@ -627,7 +627,7 @@ def evaluate_live(source: str | os.PathLike[str], **options: Unpack[LiveKeywords
 
     Args:
         source: A KITTI folder or a bag, with ground truth.
-        options: Options of `kitti-ros2 eval live --help`, same defaults; topic is required.
+        options: Options of `kitti-ros2 eval live --help-all`, same defaults; topic is required.
 
     Returns:
         The scores. Each loss is also a KittiRos2Warning.

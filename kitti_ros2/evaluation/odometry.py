@@ -426,7 +426,7 @@ def evaluate_odometry(
         result: A poses file (12 columns, or 13 with the frame number first), a TUM file or a bag.
         frames: Numbers of the frames to score, such as those that were played; None is all. Only
             these are losses if they have no pose.
-        options: Options of `kitti-ros2 eval odometry --help`, with the same defaults:
+        options: Options of `kitti-ros2 eval odometry --help-all`, with the same defaults:
             topic='/odom', tf=['odom', 'base_link'], frame='velo_link', align='se3',
             tolerance=0.02, sequence='09'.
 

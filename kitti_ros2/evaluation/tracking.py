@@ -304,7 +304,7 @@ def evaluate_tracking(
         ground_truth: A tracking set with label_02, one of its files, or label_02 itself.
         results: A folder of a tracker's files (0000.txt), one of them, or a bag.
         progress: Called with the number of sequences done, and of all.
-        options: Options of `kitti-ros2 eval tracking --help`, with underscores, same defaults:
+        options: Options of `kitti-ros2 eval tracking --help-all`, with underscores, same defaults:
             sequence='0000', topic='/tracks', class_map={'car': 'Car'}, tolerance=0.05.
 
     Returns:

@@ -336,7 +336,7 @@ def validate(
         path: A KITTI folder, a folder of several, a bag, or several of these.
         progress: Called with the frames or messages done and the number of all, of the current
             recording or bag.
-        options: Options of `kitti-ros2 validate --help`: layout, sequence, columns, quick,
+        options: Options of `kitti-ros2 validate --help-all`: layout, sequence, columns, quick,
             decode.
 
     Returns:

@@ -42,7 +42,7 @@ HEAD = '''# SPDX-FileCopyrightText: The kitti_ros2 authors
 """Types of the library's keyword options: the command line's, with underscores.
 
 Written by tests/api/keyword_types.py from the declarations of the options. For meanings and
-defaults see `kitti-ros2 COMMAND --help`, or the reference of the commands.
+defaults see `kitti-ros2 COMMAND --help-all`, or the reference of the commands.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import sys
 import pytest
 
 from kitti_ros2.cli import main
-from kitti_ros2.cli.command import VARIABLE
+from kitti_ros2.cli.completion import VARIABLE
 from kitti_ros2.model.streams import Layout
 
 from waiting import PATIENCE_S  # isort: skip
