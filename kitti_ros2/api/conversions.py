@@ -118,7 +118,7 @@ def to_kitti(
         out: The folder to create; with append=True an object set to add to.
         plan: A plan file, as printed by `kitti-ros2 to-kitti BAG --plan`.
         progress: Called with the samples done and the number of all.
-        options: Options of `kitti-ros2 to-kitti --help-all`, with underscores and the same defaults:
+        options: Options of `kitti-ros2 to-kitti --help-all`, with underscores, same defaults:
             layout='object', name='training', calib=..., split=0.8, append=True.
 
     Returns:

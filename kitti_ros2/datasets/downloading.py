@@ -232,7 +232,7 @@ def download(
         what: Words as on the command line, such as 'raw 2011_09_26_drive_0005'.
         root: The folder to download into; each benchmark gets a folder in it.
         progress: Called with the bytes downloaded and the bytes of all archives.
-        options: Options of `kitti-ros2 download --help-all`, with underscores and the same defaults.
+        options: Options of `kitti-ros2 download --help-all`, with underscores, same defaults.
 
     Returns:
         Downloaded, extracted and skipped archives.
