@@ -121,7 +121,7 @@ def stats(
     OUT/NAME.json on several processes, then all together, and as a table OUT/statistics.csv.
 
     Examples:
-      kitti-ros2 stats object/training --points -o stats.png
+      kitti-ros2 stats object/training --count-points -o stats.png
       kitti-ros2 stats 2011_09_26 tracking --csv stats.csv
     """
     from ..datasets.set_statistics import count_set, find_sources, plain_values, write_csv

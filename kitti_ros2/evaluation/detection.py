@@ -161,7 +161,7 @@ def common_frames(
     if absent:
         message = (
             f'{results.source}: no file for frames {{}}, which are not scored (give an empty file'
-            f' for a frame without detections, or --frames with a list of the frames to score)'
+            f' for a frame without detections, or --frame-list with a list of the frames to score)'
         )
         losses.append(Loss('results', len(absent), message, tuple(absent)))
     extra = sorted(chosen - labelled)

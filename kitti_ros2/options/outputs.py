@@ -389,7 +389,7 @@ class BirdOptions:
 
     group: ClassVar = "Bird's-eye view"
 
-    # --range sets both ranges; table.py takes it apart.
+    # --extent sets both ranges; table.py takes it apart.
     x_range: tuple[float, float] = option(
         (-10.0, 60.0),
         'Metres forward from, to; metres to the left from, to',
