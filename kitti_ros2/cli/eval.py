@@ -213,13 +213,13 @@ def eval_detection(
     freeze_imports()
     keep_freed_memory()
     batch, given = split_batch_options(given)
-    former = [word for word in given.get('classes', ()) if '=' in word]
-    if former and not quiet:
-        say_error(
-            f'note: --classes {former[0]} is --classes {former[0].partition("=")[0]} --iou'
-            f' {former[0]} now; the next release takes names alone'
-        )
     read, options, recorded = make_detection_options(given)
+    for name, overlap in options.classes if not quiet else ():
+        if overlap is not None:
+            say_error(
+                f'note: --classes {name}={overlap:g} is --classes {name} --iou {name}={overlap:g}'
+                f' now; the next release takes names alone'
+            )
     if batch.whole:
         from .eval_all import EVAL_DETECTION, run_eval_all
 

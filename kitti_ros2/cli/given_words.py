@@ -67,7 +67,7 @@ def out_last(words: Sequence[str]) -> list[str]:
         elif name not in OUT_FLAGS:
             kept.append(word)
         else:
-            outs += [value] if equals else islice(rest, 1)
+            outs += [value] if equals else [*islice(rest, 1)]
     return [*kept, *(['--'] if outs and '--' not in kept else []), *outs]
 
 

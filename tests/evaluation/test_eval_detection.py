@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 
 import cv2
@@ -229,11 +230,28 @@ def test_a_tracking_sequence_against_its_own_file(recordings, capsys):
     assert of_root['detection']['car']['3d']['hard']['R40'] > 0
 
 
+def test_overlaps_are_those_of_iou(folders, capsys):
+    write_frames(folders[0], {3: CAR + line('Truck')})
+    former = ['--classes', 'car=0.5', 'truck=0.25', 'pedestrian']
+    code, out, err = run(capsys, *folders, *former)
+    assert code == 0
+    assert err.splitlines() == [
+        f'note: --classes {each} is --classes {each.split("=")[0]} --iou {each} now; the next'
+        ' release takes names alone'
+        for each in former[1:3]
+    ]
+    assert re.findall(r'^(\w+) +IoU (0\.\d+)', out, re.MULTILINE) == [
+        ('car', '0.50'), ('truck', '0.25'), ('pedestrian', '0.50')
+    ]  # fmt: skip
+    words = ['--classes', 'car', 'truck', 'pedestrian', '--iou', 'Car=0.5', 'truck=0.25']
+    assert run(capsys, *folders, *words) == (0, out, '')
+
+
 def test_tracklets_of_a_drive_are_projected_into_the_image(recordings, tmp_path, capsys):
     """The object layout has the same objects in its label files."""
     labels = recordings[Layout.OBJECT] / 'training' / 'label_2'
     copy = shutil.copytree(labels, tmp_path / 'results')
-    words = ['--classes', 'car=0.5', 'pedestrian=0.5', 'cyclist=0.5', '--json']
+    words = ['--iou', '0.5', '--json']
     code, out, err = run(capsys, recordings[Layout.RAW], copy, *words)
     drive = json.loads(out)
     assert (code, err) == (0, '')
@@ -264,6 +282,7 @@ def test_tracklets_of_a_drive_are_projected_into_the_image(recordings, tmp_path,
         (['{gt}', '{tmp}/others'], 'no frame has both results and labels'),
         (['{testing}', '{res}'], 'has no labels'),
         (['{gt}', '{res}', '--classes', 'truck'], 'such as --iou truck=0.5'),
+        (['{gt}', '{res}', '--iou', 'bus=0.5'], 'for bus, which is not scored; give --classes car'),
         (['{gt}', '{res}', '--classes', 'car=x'], "such as car or truck=0.5, not 'car=x'"),
         (['{gt}', '{res}', '--classes', 'car=1'], 'not within 0 to 1'),
         (['{gt}', '{res}', '--classes', 'car=nan'], 'not within 0 to 1'),

@@ -112,7 +112,7 @@ def test_json_lists_the_frames(made, capsys):
 def test_classes_and_frames_that_are_scored_are_ranked(made, tmp_path, capsys):
     chosen = tmp_path / 'val.txt'
     chosen.write_text('000016\n000030\n')
-    words = ['--worst', 5, '--json', '--frame-list', chosen, '--classes', 'truck=0.5']
+    words = ['--worst', 5, '--json', '--frame-list', chosen, '--classes', 'truck', '--iou', '0.5']
     values = json.loads(run(capsys, *made, *words)[1])
     assert [(frame['number'], frame['penalty']) for frame in values['worst']] == [(16, 2)]
 
