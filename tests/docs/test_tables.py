@@ -15,6 +15,7 @@ from code_blocks import PAGES, ROOT, page_name
 import kitti_ros2
 from kitti_ros2.cli import exits
 from kitti_ros2.cli.app import command_names, find_command, get_command
+from kitti_ros2.cli.command import CONFIG_ONLY
 from kitti_ros2.importer import plan
 from kitti_ros2.messages.naming import FrameNames
 from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table, own_topics
@@ -109,6 +110,8 @@ def test_a_command_has_each_option_with_its_default(name):
     }.get(name, ())
     for parameter in find_command(name.split())[1].params:
         spelt = [*parameter.opts, *parameter.secondary_opts]
+        if getattr(parameter, 'rich_help_panel', None) == CONFIG_ONLY:
+            spelt = [parameter.name]
         cell = ', '.join(f'`{each}`' for each in spelt)
         if parameter.param_type_name == 'argument':
             cell = f'`{parameter.metavar or parameter.name.upper()}`'

@@ -41,16 +41,10 @@ COMMANDS = {
     'play': (make_play_settings, PLAY),
 }
 DECLARED = [(command, each) for command, (_, table) in COMMANDS.items() for each in table]
-SPELLINGS = {'loop': 'times', 'train_fraction': 'split', 'stack': 'for'}
-"""Of options that the command line calls otherwise than YAML."""
 
 
 def name_of(case):
     return case if isinstance(case, str) else case.name
-
-
-def spelling(option):
-    return SPELLINGS.get(option.name, option.name).replace('_', '-')
 
 
 def settled(settings):
@@ -73,7 +67,8 @@ def test_a_default_that_is_given_changes_nothing(command, option):
 @pytest.mark.parametrize(('command', 'option'), DECLARED, ids=name_of)
 def test_help_states_the_default(command, option):
     parameters = get_command([command]).commands[command].params
-    found = [each for each in parameters if f'--{spelling(option)}' in each.opts]
+    spelling = '--times' if option.name == 'loop' else option.flag
+    found = [each for each in parameters if spelling in each.opts]
     assert len(found) == 1
     if option.default is not False:
         assert found[0].help.endswith(f' [default: {option.default_text}]')
