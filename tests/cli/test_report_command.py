@@ -25,7 +25,7 @@ def test_a_page_is_made(recording_path, tmp_path, capsys):
     assert main(['report', str(recording_path), '-o', str(out)]) == 0
     said = capsys.readouterr()
     assert said.out.startswith(f'{out}: ')
-    assert not said.err
+    assert said.err == f'note: the folder {out.parent} was not there; it is made for OUT\n'
     assert Page.of(out).faults == []
     assert [path.name for path in out.parent.iterdir()] == ['report.html']
 
