@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from keyword import iskeyword
 from typing import TYPE_CHECKING, Any
 
 from ..model.errors import MissingPathError
@@ -27,10 +26,8 @@ if TYPE_CHECKING:
 
 
 def keyword_of(option: Option) -> str:
-    """Return the keyword of an option: its long flag with underscores, unless reserved."""
-    long = [flag for flag in option.flags if flag.startswith('--')]
-    word = (long[0] if long else option.name).lstrip('-').replace('-', '_')
-    return option.name if iskeyword(word) else word
+    """Return the keyword of an option; the command line may have other names."""
+    return option.keyword or option.name
 
 
 def by_name(keywords: Mapping[str, object], options: Sequence[Option]) -> dict[str, object]:

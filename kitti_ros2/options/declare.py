@@ -408,6 +408,7 @@ class Option:
         group: Heading of the option in help texts; that of its dataclass unless declared.
         choices: All values, for an option that takes one of a few words.
         metavar: Placeholder of the value in help texts, where the parser's is too general.
+        keyword: Its name in Python, where that is another.
         common: Whether --help of a command with many options shows it; --help-all shows all.
         config_only: Whether its place is the file of --config: too exotic for a command line.
     """
@@ -425,6 +426,7 @@ class Option:
     group: str = ''
     choices: tuple[str, ...] = ()
     metavar: str = ''
+    keyword: str = ''
     common: bool = False
     config_only: bool = False
 

@@ -200,6 +200,7 @@ class ImportOptions:
         'Object: fraction of the frames in train, the rest in val',
         parse_number,
         flags=('--split',),
+        keyword='split',
         common=True,
     )
     all_cameras: bool = option(
