@@ -64,6 +64,8 @@ def out_last(words: Sequence[str]) -> list[str]:
         name, equals, value = word.partition('=')
         if word == '--':
             kept += [word, *rest]
+        elif word.startswith('-o') and word != '-o' and not equals:
+            outs.append(word[2:])
         elif name not in OUT_FLAGS:
             kept.append(word)
         else:

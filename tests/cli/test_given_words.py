@@ -17,6 +17,8 @@ from kitti_ros2.model.streams import Layout
         ('to-bag SRC -o OUT', 'o.mcap'),
         ('to-bag -o OUT SRC', 'o.mcap'),
         ('to-bag --out=OUT SRC', 'o.mcap'),
+        ('to-bag -oOUT SRC', 'o.mcap'),
+        ('view SRC -oOUT --mode camera', 'o.png'),
         ('to-bag SRC --topics /tf /tf_static -o OUT', 'o.mcap'),
         ('to-bag -o OUT --topics /tf /tf_static -- SRC', 'o.mcap'),
         ('view SRC OUT --mode camera', 'o.png'),
@@ -34,8 +36,8 @@ from kitti_ros2.model.streams import Layout
 )
 def test_out_is_the_last_argument_or_that_of_o(recordings, tmp_path, capsys, words, name):
     out = tmp_path / name
-    places = {'SRC': str(recordings[Layout.OBJECT]), 'OUT': str(out), '--out=OUT': f'--out={out}'}
-    assert main([places.get(word, word) for word in words.split()]) == 0
+    given = words.replace('SRC', str(recordings[Layout.OBJECT])).replace('OUT', str(out))
+    assert main(given.split()) == 0
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert not capsys.readouterr().err
 
