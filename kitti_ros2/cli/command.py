@@ -161,16 +161,19 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - as above
         """Parse, after repeating options with several values before each of them."""
-        args = self._with_names_of_today(ctx, args)
-        if self._arguments and self._arguments[-1].metavar.endswith(_OUT_ARGUMENTS):
-            args = out_last(args)
+        lists = self._lists(ctx)
         valued = {
             flag
             for param in self.get_params(ctx)
             if not getattr(param, 'is_flag', True)
             for flag in param.opts
         }
-        words = GivenWords(args, self._lists(ctx), valued)
+        flags = {flag for param in self.params for flag in param.opts}
+        args, notes = rename(args, self.name or '', flags, valued - {*lists})
+        self._say_notes(ctx, args, notes)
+        if self._arguments and self._arguments[-1].metavar.endswith(_OUT_ARGUMENTS):
+            args = out_last(args)
+        words = GivenWords(args, lists, valued)
         if ctx.resilient_parsing:  # for a completion
             ctx.meta[OPEN_LIST] = words.open_list
             args = words.spread()
@@ -182,6 +185,12 @@ class Command(TyperCommand):
                 words.option_of_out(self._out.opts[0], len(self._arguments))
             args = words.spread()
         parsed: list[str] = super().parse_args(ctx, args)
+        self._say_notes(ctx, args, [
+            f'{param.opts[0]} has its place in the file of --config, as {param.name}; the next'
+            f' release does not take it here'
+            for param in self.params
+            if _group(param) == CONFIG_ONLY and ctx.params.get(param.name) is not None
+        ])  # fmt: skip
         return parsed
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - as above
@@ -212,21 +221,12 @@ class Command(TyperCommand):
             completion.help = _SPECIAL.sub('', (completion.help or '').partition(' [default')[0])
         return completions
 
-    def _with_names_of_today(self, ctx: Any, words: list[str]) -> list[str]:  # noqa: ANN401
-        """Rename former options; a note says so, and names those of the file of --config."""
-        flags = {flag: param for param in self.params for flag in param.opts}
-        renamed, notes = rename(words, self.name or '', flags)
-        notes += [
-            f'{word} has its place in the file of --config, as {flags[word].name}; the next'
-            f' release does not take it here'
-            for word in renamed
-            if word in flags and _group(flags[word]) == CONFIG_ONLY
-        ]
+    @staticmethod
+    def _say_notes(ctx: Any, words: Sequence[str], notes: Sequence[str]) -> None:  # noqa: ANN401
         is_first = ctx.parent is not None  # else it is parsed again, for the text of an error
         if is_first and not ctx.resilient_parsing and not {'-q', '--quiet'} & {*words}:
             for note in notes:
                 typer.echo(f'note: {note}', err=True)
-        return renamed
 
     @property
     def _arguments(self) -> list[Any]:

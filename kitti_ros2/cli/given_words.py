@@ -23,6 +23,7 @@ _FORMER = {
     'report': {'--results': '--predictions'},
     'detection': {'--frames': '--frame-list'},
     'demo': {'--frames': '--count'},
+    'stacks': {'--config': '--drive'},
     'stats': {'--points': '--count-points'},
     'view': {'--range': '--extent'},
 }
@@ -31,7 +32,7 @@ _FORMER_ANYWHERE = {'--raw': '--raw-drives'}
 
 
 def rename(
-    words: Sequence[str], command: str, flags: Collection[str]
+    words: Sequence[str], command: str, flags: Collection[str], valued: Collection[str]
 ) -> tuple[list[str], list[str]]:
     """Return the words with the names of today, and a note for each that was another.
 
@@ -39,19 +40,23 @@ def rename(
         words: The words after the command.
         command: Its last word.
         flags: Spellings of its options.
+        valued: Those with one value, which is kept as it is.
     """
     former = {**_FORMER_ANYWHERE, **_FORMER.get(command, {})}
-    renamed, notes = [], []
-    for index, word in enumerate(words):
-        if word == '--':
-            return [*renamed, *words[index:]], notes
+    renamed: list[str] = []
+    notes = []
+    rest = iter(words)
+    for word in rest:
         name, equals, value = word.partition('=')
-        today = former.get(name)
-        if today is None or today not in flags:
-            renamed.append(word)
-            continue
-        renamed.append(f'{today}{equals}{value}')
-        notes.append(f'{name} is {today} now; the next release does not take {name}')
+        today = former.get(name, name)
+        if today != name and today in flags:
+            notes.append(f'{name} is {today} now; the next release does not take {name}')
+            name = today
+        renamed.append(name + equals + value)
+        if word == '--':
+            renamed += rest
+        elif name in valued and not equals:
+            renamed += islice(rest, 1)
     return renamed, notes
 
 

@@ -162,9 +162,7 @@ def stacks(
     ] = None,
     drive: Annotated[
         Optional[Path],
-        typer.Option(
-            '--config', metavar='DRIVE', help='Write files to run STACK on a KITTI folder'
-        ),
+        typer.Option('--drive', metavar='DRIVE', help='Write files to run STACK on a KITTI folder'),
     ] = None,
     out: Annotated[
         Optional[Path],
@@ -180,21 +178,21 @@ def stacks(
     With STACK: what it asks of messages, with the place in its source, the options, topics and
     frames that --for sets, and the commands to record, run and score it.
 
-    With --config: its parameter file with the extrinsics of the drive, and a launch file that
+    With --drive: its parameter file with the extrinsics of the drive, and a launch file that
     starts it and plays the drive.
 
     Examples:
       kitti-ros2 stacks kiss-icp
-      kitti-ros2 stacks dlio --config 2011_09_26/2011_09_26_drive_0005_sync -o run
+      kitti-ros2 stacks dlio --drive 2011_09_26/2011_09_26_drive_0005_sync -o run
     """
     from ..options.stack_catalogue import STACKS
 
     freeze_imports()
     if drive is None and (out is not None or overwrite or given):
-        raise UsageError('--out, --overwrite and the options of a source go with --config DRIVE')
+        raise UsageError('--out, --overwrite and the options of a source go with --drive DRIVE')
     if stack is None:
         if drive is not None:
-            raise UsageError('--config needs a STACK: kitti-ros2 stacks STACK --config DRIVE')
+            raise UsageError('--drive needs a STACK: kitti-ros2 stacks STACK --drive DRIVE')
         _list(json=json, quiet=quiet)
         return EXIT_OK
     if stack not in STACKS:

@@ -49,9 +49,10 @@ TYPED = [
     ('info dri\t', 'info drive.mcap'),
     ('play broken.mcap --topics qq\t', 'play broken.mcap --topics qq'),
     ('play absent --topics qq\t', 'play absent --topics qq'),
+    ('view drive.mcap dri\t', 'view drive.mcap drive.mcap'),
 ]
-ONE_OF_EACH_KIND = [TYPED[at] for at in (0, 1, 2, 7, 10, 11, 12)]
-"""A command, an option, a choice, a topic, a topic of several, a file, and none."""
+ONE_OF_EACH_KIND = [TYPED[at] for at in (0, 1, 2, 7, 10, 11, 12, 14)]
+"""A command, an option, a choice, a topic, a topic of several, a file, none, and OUT."""
 
 
 @pytest.fixture(scope='module')

@@ -50,6 +50,7 @@ def test_out_is_the_last_argument_or_that_of_o(recordings, tmp_path, capsys, wor
         ('demo x --frames 0', '--frames', '--count'),
         ('stats x --points', '--points', '--count-points'),
         ('view x y.png --range=0,1,0,1', '--range', '--extent'),
+        ('stacks --config x', '--config', '--drive'),
         ('info x --raw y', '--raw', '--raw-drives'),
         ('play x --foxglove 0 --raw y', '--raw', '--raw-drives'),
     ],
@@ -69,6 +70,17 @@ def test_a_name_that_others_have_keeps_its_meaning(tmp_path, capsys, monkeypatch
     for words in ('to-bag x y --points xyzi', 'view x y --frames 0:1', 'crop x y --range :9'):
         assert main(words.split()) == 2
         assert 'note' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'words', ['info x --layout --raw', 'report x --predictions --results', 'info -- --raw']
+)
+def test_the_value_of_an_option_is_no_name(tmp_path, capsys, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    assert main(words.split()) == 2
+    said = capsys.readouterr().err
+    assert 'note' not in said
+    assert '--raw-drives' not in said
 
 
 def test_what_belongs_into_a_file_is_taken_with_a_note(recordings, tmp_path, capsys):

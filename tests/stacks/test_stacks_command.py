@@ -46,7 +46,7 @@ def test_json_has_the_same(capsys):
 
 
 def test_files_for_a_drive(recordings, tmp_path, capsys):
-    words = ['stacks', 'kiss-icp', '--config', str(recordings[Layout.RAW]), '-o', str(tmp_path)]
+    words = ['stacks', 'kiss-icp', '--drive', str(recordings[Layout.RAW]), '-o', str(tmp_path)]
     assert main(words) == 0
     shown = capsys.readouterr().out.splitlines()
     assert shown[:2] == [f'{tmp_path}/kiss-icp.yaml', f'{tmp_path}/kiss-icp.launch.py']
@@ -61,8 +61,8 @@ def test_files_for_a_drive(recordings, tmp_path, capsys):
     ('words', 'message'),
     [
         (['kis-icp'], 'did you mean kiss-icp?'),
-        (['--config', 'drive'], '--config needs a STACK'),
-        (['kiss-icp', '-o', 'folder'], 'go with --config DRIVE'),
+        (['--drive', 'drive'], '--drive needs a STACK'),
+        (['kiss-icp', '-o', 'folder'], 'go with --drive DRIVE'),
     ],
 )
 def test_a_mistake_is_one_line(words, message, capsys):
@@ -73,7 +73,7 @@ def test_a_mistake_is_one_line(words, message, capsys):
 
 
 def test_quiet_writes_the_files_and_prints_nothing(recordings, tmp_path, capsys):
-    words = ['stacks', 'lio-sam', '--config', str(recordings[Layout.RAW]), '-o', str(tmp_path)]
+    words = ['stacks', 'lio-sam', '--drive', str(recordings[Layout.RAW]), '-o', str(tmp_path)]
     assert main([*words, '-q']) == 0
     assert capsys.readouterr() == ('', '')
     assert (tmp_path / 'lio-sam.yaml').is_file()
