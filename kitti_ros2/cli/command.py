@@ -139,7 +139,7 @@ class Command(TyperCommand):
     @contextmanager
     def _unhidden(self) -> Iterator[None]:
         """Show all options, of this command alone: it is kept for further command lines."""
-        hidden = [param for param in self.params if getattr(param, 'hidden', False)]
+        hidden: list[Any] = [each for each in self.params if getattr(each, 'hidden', False)]
         for param in hidden:
             param.hidden = False
         try:
