@@ -139,7 +139,8 @@ class Command(TyperCommand):
     @contextmanager
     def _unhidden(self) -> Iterator[None]:
         """Show all options, of this command alone: it is kept for further command lines."""
-        hidden: list[Any] = [each for each in self.params if getattr(each, 'hidden', False)]
+        params: Sequence[Any] = self.params
+        hidden = [param for param in params if getattr(param, 'hidden', False)]
         for param in hidden:
             param.hidden = False
         try:

@@ -122,7 +122,7 @@ def test_options_of_pictures_change_them_or_are_named(
     base = outcome(words, tmp_path / 'base', monkeypatch, capsys)
     options = {
         'camera': '3', 'point-size': '5', 'color-map': 'jet', 'color-by': 'intensity',
-        'classes': 'Car', 'range': '0,40,-20,20', 'resolution': '5', 'fps': '3',
+        'classes': 'Car', 'extent': '0,40,-20,20', 'resolution': '5', 'fps': '3',
     }  # fmt: skip
     for name, value in options.items():
         given = [*words, f'--{name}', value]
