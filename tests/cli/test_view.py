@@ -215,7 +215,7 @@ def test_nothing_to_draw(recordings, tmp_path, capsys):
 
 def test_nowhere_to_draw_to(recordings, capsys):
     assert main(['view', str(recordings[Layout.RAW])]) == 2
-    assert '-o' in one_line(capsys.readouterr().err)
+    assert 'usage: kitti-ros2 view SRC OUT' in one_line(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize('name', ['out.png', 'out.mp4', 'out.gif'])
