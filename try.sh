@@ -23,5 +23,5 @@ echo "Installing kitti_ros2 and its libraries into $here/.venv: 100 MB to downlo
 quiet=-q
 if [[ -t 1 ]]; then quiet=--progress-bar=on; fi
 "$here/.venv/bin/pip" install --disable-pip-version-check "$quiet" "$here"
-echo 'Making a synthetic recording of 20 frames, its bag and a picture: half a minute'
+echo 'Making a synthetic recording of 20 frames, its bag and a picture: about ten seconds'
 "$here/.venv/bin/kitti-ros2" demo --overwrite
