@@ -21,6 +21,7 @@ from ..model.errors import UsageError, did_you_mean
 from .command import Command, add_options
 from .completion import VARIABLE, complete_at_first_tab, completion_timeout, completion_words
 from .exits import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from .given_words import OUT_FLAGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -195,6 +196,7 @@ def _import_command(name: str) -> Callable[..., int]:
 
 _NO_COMMAND = re.compile(r"No such command '(.*?)'")
 _EXTRA = re.compile(r'Got unexpected extra argument\S* \((.*)\)')
+_NO_NUMBER = re.compile(r"Invalid value for '(\S+)'.*: (.+) is not a valid (?:float|int)")
 
 
 def describe_usage_error(error: Any) -> str:  # noqa: ANN401 - of typer's own copy of click
@@ -209,14 +211,19 @@ def describe_usage_error(error: Any) -> str:  # noqa: ANN401 - of typer's own co
         return _no_command(unknown[1], list(command.commands))
     kind = type(error).__name__  # its class cannot be imported from all versions of typer
     if kind == 'NoSuchOption':
-        hint = did_you_mean(error.option_name, _spellings(command))
+        hint = _hint_of_option(error.option_name, _spellings(command))
         message = f'there is no option {error.option_name}{hint}'
         return f'{message} See {path} --help' if hint else f'{message}; {_usage(command, path)}'
     if kind == 'MissingParameter':
         return missing_argument(error.param, context)
     extra = _EXTRA.match(message)
     if extra is not None:
-        return f'unexpected argument {extra[1]}; {_usage(command, path)}'
+        several = ' ' in extra[1] and '--all' in _spellings(command)
+        hint = '; for several recordings quote the pattern and give --all' if several else ''
+        return f'unexpected argument {extra[1]}{hint}; {_usage(command, path)}'
+    number = _NO_NUMBER.match(message)
+    if number is not None:
+        message = f'{number[1]} takes a number, not {number[2]}'
     return f'{message}; see {path} --help'
 
 
@@ -238,11 +245,43 @@ def _name(argument: Any) -> str:  # noqa: ANN401 - as above
 
 
 def _spellings(command: Any) -> list[str]:  # noqa: ANN401 - as above
-    return [flag for param in command.params for flag in (*param.opts, *param.secondary_opts)]
+    flags = [flag for param in command.params for flag in (*param.opts, *param.secondary_opts)]
+    named = any(param.name == 'out' for param in command.params)
+    return [*flags, *OUT_FLAGS] if named else flags
 
 
 _CONVERT = 'to-bag writes a folder or a bag as a bag, to-kitti writes KITTI files'
-_OTHER_NAMES = {'convert': _CONVERT, 'export': _CONVERT, 'import': _CONVERT}
+_SCORED = ('detection', 'odometry', 'tracking', 'live')
+_OTHER_NAMES = {
+    **dict.fromkeys(('convert', 'export', 'import'), _CONVERT),
+    **dict.fromkeys(('show', 'plot', 'draw', 'visualize'), 'did you mean view?'),
+    **dict.fromkeys(('score', 'evaluate', 'benchmark'), 'did you mean eval?'),
+    **{
+        word: f'did you mean eval {word}?' for word in ('detection', 'odometry', 'tracking', 'live')
+    },
+    'check': 'did you mean validate?',
+    'repair': 'did you mean recover?',
+    'unzip': 'did you mean extract?',
+    'get': 'did you mean download?',
+}
+"""What to answer to words that are no commands."""
+_OTHER_OPTIONS = {
+    **dict.fromkeys(('--format', '--type', '--dataset'), '--layout'),
+    **dict.fromkeys(('--drive', '--split'), '--sequence'),
+    **dict.fromkeys(('--min-overlap', '--overlap', '--threshold'), '--iou'),
+    **dict.fromkeys(('--workers', '--threads', '-j'), '--jobs'),
+    **dict.fromkeys(('--force', '-f'), '--overwrite'),
+    '--frames': '--start',
+    '--speed': '--rate',
+    '-c': '--compression',
+    '-v': '--version',
+}
+"""Options of other programs, and those of ours that mean the same."""
+
+
+def _hint_of_option(name: str, spellings: list[str]) -> str:
+    other = _OTHER_OPTIONS.get(name)
+    return f'; did you mean {other}?' if other in spellings else did_you_mean(name, spellings)
 
 
 def _no_command(word: str, names: list[str]) -> str:

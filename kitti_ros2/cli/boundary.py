@@ -13,6 +13,7 @@ import sys
 import time
 import warnings
 from io import TextIOWrapper
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from ..model.errors import (
@@ -206,7 +207,21 @@ def _describe(error: KittiRos2Error | OSError, words: list[str]) -> str:
             return f'standard output: {error.strerror}'  # only standard streams have no file name
         if error.errno == errno.ENOENT and not _has_working_directory():
             return 'the working directory was deleted; change to one that exists'
-    return describe_error(error)
+    text = describe_error(error)
+    if isinstance(error, FileNotFoundError) and (option := _option_of(error.filename, words)):
+        return f'{error.filename}: no such file; {option} takes one that exists'
+    name, takes, rest = text.partition(' takes ')
+    option = f'--{name.replace("_", "-")}'
+    given = any(word.partition('=')[0] == option for word in words)
+    return f'{option}{takes}{rest}' if given else text
+
+
+def _option_of(value: object, words: list[str]) -> str | None:
+    """Return the option with this value on the command line, None without one."""
+    for before, word in pairwise(words):
+        if word == str(value) and before.startswith('-'):
+            return before
+    return None
 
 
 def _has_working_directory() -> bool:

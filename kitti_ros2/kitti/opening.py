@@ -474,9 +474,17 @@ def _absent(path: Path) -> NotKittiError:
         rest.insert(0, folder.name)
         folder = folder.parent
     missing_name, below = rest[0], rest[1:]
-    close = [folder / name for name in close_names(missing_name, _entries(folder))]
+    entries = _entries(folder)
+    stem = Path(missing_name).stem
+    close = [
+        folder / name
+        for name in close_names(missing_name, entries)
+        or [name for name in entries if Path(name).stem == stem]
+    ]
     matches = [sibling.joinpath(*below) for sibling in close if sibling.joinpath(*below).exists()]
     remedy = 'give a KITTI folder or a bag'
+    if str(path).startswith('~'):
+        remedy = 'the shell takes ~ for your home outside of quotes only'
     error = MissingSourceError(
         path,
         'no such file or folder',

@@ -389,6 +389,8 @@ _LEAST_RATIO_SHORT_WORD = 0.66  # one letter of three
 _SHORT_WORD = 5
 _MARGIN = 0.03
 _MOST = 3
+_MOST_LISTED = 10
+"""Choices beside which a suggestion is still found."""
 
 
 def close_names(word: str, choices: Iterable[str]) -> list[str]:
@@ -427,9 +429,10 @@ def did_you_mean(word: str, choices: Iterable[str]) -> str:
 
 def not_one_of(name: str, value: object, choices: Sequence[str]) -> UsageError:
     """Return the error for a value of an option that is none of its choices."""
-    return UsageError(
-        f'{name} takes {either(choices)}, not {value!r}{did_you_mean(str(value), choices)}'
-    )
+    hint = did_you_mean(str(value), choices)
+    if hint and len(choices) > _MOST_LISTED:
+        return UsageError(f'{name} does not take {value!r}{hint}')
+    return UsageError(f'{name} takes {either(choices)}, not {value!r}{hint}')
 
 
 # Losses: unusable data of the user, and the text form of file numbers.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 from ..model import bag_formats as types
 from ..model.bag_formats import CONTAINERS
 from ..model.classes import LeastOverlaps
-from ..model.errors import UsageError, not_one_of
+from ..model.errors import UsageError, did_you_mean, not_one_of
 from .declare import (
     check_bounds,
     choice,
@@ -170,6 +170,7 @@ class DetectionOptions:
                 raise UsageError(
                     f'the class {name} needs an overlap, such as --iou {name}=0.5; the'
                     f' benchmark has one for {", ".join(BENCHMARK_CLASSES)} only'
+                    f'{did_you_mean(name, BENCHMARK_CLASSES)}'
                 )
             if not 0 <= overlap < 1:
                 raise UsageError(

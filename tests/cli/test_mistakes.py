@@ -380,6 +380,18 @@ def test_a_sequence_that_is_not_there(several, capsys, layout, asked, said):
         ('tobag {object} {tmp}/o', 'there is no command tobag; did you mean to-bag?'),
         ('convert {object} {tmp}/o', 'there is no command convert; to-bag writes a folder or'),
         ('refine {object} {tmp}/o', 'no command refine; there are info, play, view, '),
+        ('detection {object} {tmp}/o', 'no command detection; did you mean eval detection?'),
+        ('check {object}', 'there is no command check; did you mean validate?'),
+        ('to-kitti {bag} {tmp}/o --format object', 'no option --format; did you mean --layout?'),
+        ('eval detection {object} {tmp} --min-overlap .7', 'did you mean --iou? See kitti-ros2 ev'),
+        ('to-bag {object} --output {tmp}/o.mcap', 'no option --output; did you mean --out?'),
+        ('to-bag {object} {object} {object} {tmp}/o', 'quote the pattern and give --all; usage: '),
+        ('play {bag} --rate 2x', "--rate takes a number, not '2x'; see kitti-ros2 play --help"),
+        ('view {object} {tmp}/o.png --color-by far', '--color-by takes depth, height, intensity'),
+        ('to-bag {object} {tmp}/o --for kiss_icp', "not take 'kiss_icp'; did you mean kiss-icp?"),
+        ('to-kitti {bag} {tmp}/o --plan-file {tmp}/p', 'p: no such file; --plan-file takes one'),
+        ('info {bag.parent}/{bag.stem}.db3', '; did you mean {bag}? kitti-ros2 info {bag}'),
+        ('info ~/kitti', '~/kitti: no such file or folder; the shell takes ~ for your home outs'),
         ('{object} {tmp}/o', 'give a command first, such as kitti-ros2 info '),
     ],
 )  # fmt: skip
@@ -388,7 +400,9 @@ def test_misspelt_words(recordings, bag, tmp_path, capsys, words, said):
         pytest.importorskip('foxglove')
     (tmp_path / 'c.yaml').write_text('imges: raw\n')
     places = {'object': recordings[Layout.OBJECT], 'bag': bag, 'tmp': tmp_path}
-    assert said in complain([word.format(**places) for word in words.split()], capsys)
+    assert said.format(**places) in complain(
+        [word.format(**places) for word in words.split()], capsys
+    )
 
 
 def test_a_topic_misspelt_beside_a_right_one_is_a_note(recordings, tmp_path, capsys):

@@ -92,7 +92,7 @@ def test_a_contradiction_is_one_line(values, message):
 
 
 def test_a_misspelt_stack_is_answered_with_a_name():
-    with pytest.raises(UsageError, match=r"not 'lio_sm'; did you mean (lio-sam|rko_lio)"):
+    with pytest.raises(UsageError, match=r"not take 'lio_sm'; did you mean lio-sam"):
         make_settings({'stack': 'lio_sm'})
 
 
