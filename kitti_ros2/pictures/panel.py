@@ -91,6 +91,8 @@ _LINE = 22
 """Height of a line of text, pixels."""
 _MOST_FACTS = 12
 _LEAST_BEHIND = 150
+_MOST_BEHIND = 50_000
+"""Points in the view from behind."""
 _LAST = SIZE[1] - EDGE
 _BIRD_WIDTH = 524
 _BIRD_HEIGHT = _LAST - 2 * (_MAP_HEIGHT + TITLE_ROOM + 9) - _FIRST
@@ -393,15 +395,16 @@ def _draw_bird(window: Pixels, frame: FrameData, options: PictureOptions) -> Non
 def _draw_behind(window: Pixels, frame: FrameData, options: PictureOptions) -> None:
     """Draw the scan and the boxes from behind.
 
-    The window is small: tags have no room in it, and every third point fills it.
+    The window is small: tags have no room in it, and some of the points fill it.
     """
     points, labels = frame.points, frame.point_labels
+    step = 1 if points is None else len(points) // _MOST_BEHIND + 1
     try:
         window[:] = draw_from_behind(
             replace(
                 frame,
-                points=None if points is None else points[::3],
-                point_labels=None if labels is None else labels[::3],
+                points=None if points is None else points[::step],
+                point_labels=None if labels is None else labels[::step],
             ),
             replace(options, named=False, point_size=1),
             (window.shape[1], window.shape[0]),
