@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+import rosbags.typesys  # noqa: F401 - whole, before its modules: else threads wait in a circle
 from rosbags.typesys.msg import normalize_msgtype
 
 from ..model.bag_formats import ZSTD_MAGIC, Channel

@@ -15,6 +15,7 @@ import bz2
 import struct
 from typing import TYPE_CHECKING
 
+import rosbags.typesys  # noqa: F401 - whole, before its modules: else threads wait in a circle
 from rosbags.typesys.msg import denormalize_msgtype
 
 from ..files.local_files import UnbufferedFile

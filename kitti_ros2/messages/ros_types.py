@@ -13,6 +13,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+import rosbags.typesys  # noqa: F401 - whole, before its modules: else threads wait in a circle
 from rosbags.typesys.store import Typestore
 
 from .type_definitions import OF_KITTI, LazyClass, lazy_typestore, read_definitions

@@ -11,6 +11,7 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, cast
 
+import rosbags.typesys  # noqa: F401 - whole, before its modules: else threads wait in a circle
 from rosbags.interfaces import Nodetype
 from rosbags.serde import cdr, ros1
 from rosbags.typesys.base import normalize_fieldname
