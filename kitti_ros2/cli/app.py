@@ -17,7 +17,7 @@ import typer
 
 from ..files.remote import as_path
 from ..model.bag_formats import CONTAINERS
-from ..model.errors import UsageError, did_you_mean
+from ..model.errors import UsageError, close_names, did_you_mean, either
 from .command import Command, add_options
 from .completion import VARIABLE, complete_at_first_tab, completion_timeout, completion_words
 from .exits import EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
@@ -147,7 +147,7 @@ def run(words: list[str]) -> int:
             typer.echo(message(), err=True)
             return EXIT_USAGE
 
-        raise UsageError(describe_usage_error(error)) from error
+        raise UsageError(describe_usage_error(error, words)) from error
     if code == EXIT_INTERRUPTED:
         raise KeyboardInterrupt  # typer has caught it
     return code if isinstance(code, int) else EXIT_OK
@@ -199,12 +199,13 @@ _EXTRA = re.compile(r'Got unexpected extra argument\S* \((.*)\)')
 _NO_NUMBER = re.compile(r"Invalid value for '(\S+)'.*: (.+) is not a valid (?:float|int)")
 
 
-def describe_usage_error(error: Any) -> str:  # noqa: ANN401 - of typer's own copy of click
+def describe_usage_error(error: Any, words: Sequence[str]) -> str:  # noqa: ANN401 - of typer's own copy of click
     """Describe an error of typer's parser in one line, with a correction or the usage."""
     message = error.format_message().rstrip('.')
     context = getattr(error, 'ctx', None)
     if context is None:
-        return f'{message}; see kitti-ros2 --help'
+        command_words = words[: 2 if words[0] == 'eval' else 1]
+        return f'{message}; see {" ".join(["kitti-ros2", *command_words])} --help'
     command, path = context.command, context.command_path
     unknown = _NO_COMMAND.match(message)
     if unknown is not None:
@@ -290,6 +291,18 @@ def _no_command(word: str, names: list[str]) -> str:
         hint = f'; give a command first, such as kitti-ros2 info {word}'
     listed = ', '.join(names)
     return f'there is no command {word}{hint or f"; there are {listed}"}'
+
+
+def missing_path(path: str, words: Sequence[str]) -> str:
+    """Describe a missing path among the words: the option that it was given to, names like it."""
+    before = words[max(words.index(path) - 1, 0)]
+    option = f'; {before} takes one that exists' if before.startswith('-') else ''
+    place = Path(path)
+    close: list[str] = []
+    with suppress(OSError):
+        close = close_names(place.name, [entry.name for entry in place.parent.iterdir()])
+    hint = f'; did you mean {either([str(place.with_name(name)) for name in close])}?'
+    return f'{path}: no such file or folder{hint if close else option}'
 
 
 # Corrected commands, made from the words of the one that failed.

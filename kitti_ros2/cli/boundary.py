@@ -13,7 +13,6 @@ import sys
 import time
 import warnings
 from io import TextIOWrapper
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from ..model.errors import (
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
 
 _DEBUG = '--debug'
 _CLEANING_S = 3.0
+_ABSENT = ('no such file or folder', os.strerror(errno.ENOENT))
 
 
 def main(args: list[str] | None = None) -> int:
@@ -208,20 +208,15 @@ def _describe(error: KittiRos2Error | OSError, words: list[str]) -> str:
         if error.errno == errno.ENOENT and not _has_working_directory():
             return 'the working directory was deleted; change to one that exists'
     text = describe_error(error)
-    if isinstance(error, FileNotFoundError) and (option := _option_of(error.filename, words)):
-        return f'{error.filename}: no such file; {option} takes one that exists'
+    path, _, reason = text.rpartition(': ')
+    if path in words and reason in _ABSENT:
+        from .app import missing_path
+
+        return missing_path(path, words)
     name, takes, rest = text.partition(' takes ')
     option = f'--{name.replace("_", "-")}'
     given = any(word.partition('=')[0] == option for word in words)
     return f'{option}{takes}{rest}' if given else text
-
-
-def _option_of(value: object, words: list[str]) -> str | None:
-    """Return the option with this value on the command line, None without one."""
-    for before, word in pairwise(words):
-        if word == str(value) and before.startswith('-'):
-            return before
-    return None
 
 
 def _has_working_directory() -> bool:

@@ -125,6 +125,8 @@ class GivenWords:
             UsageError: It is not clear, because some arguments are given or several lists may
                 hold them; or a list has no values.
         """
+        if [''] in self._parts:
+            raise UsageError("an argument is empty, ''; is a variable of the shell not set?")
         for part in self._parts:
             if part[0] in self._lists and len(part) == 1:
                 raise UsageError(f"Option '{part[0]}' requires an argument")

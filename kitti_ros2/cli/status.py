@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 from ..files.processes import freeze_imports
+from ..model.errors import MissingPathError, UsageError
 from .command import JsonOption, QuietOption, argument
 from .exits import EXIT_LOSSES, EXIT_OK
 from .output import print_json
@@ -31,8 +32,11 @@ def status(
     from .run_all import print_failures, print_groups, print_pace, record_json
 
     freeze_imports()
-    with manifest_folder(out) as folder:
-        records, run = read_manifest(folder)
+    try:
+        with manifest_folder(out) as folder:
+            records, run = read_manifest(folder)
+    except MissingPathError:
+        raise UsageError(f'{out}: no command with --all wrote here; expected its OUT') from None
     pace = measure_pace(records, run)
     command = '' if run is None else run.command
     if json:

@@ -389,9 +389,13 @@ def test_a_sequence_that_is_not_there(several, capsys, layout, asked, said):
         ('play {bag} --rate 2x', "--rate takes a number, not '2x'; see kitti-ros2 play --help"),
         ('view {object} {tmp}/o.png --color-by far', '--color-by takes depth, height, intensity'),
         ('to-bag {object} {tmp}/o --for kiss_icp', "not take 'kiss_icp'; did you mean kiss-icp?"),
-        ('to-kitti {bag} {tmp}/o --plan-file {tmp}/p', 'p: no such file; --plan-file takes one'),
+        ('to-kitti {bag} {tmp}/o --plan-file {tmp}/p', 'no such file or folder; --plan-file'),
         ('info {bag.parent}/{bag.stem}.db3', '; did you mean {bag}? kitti-ros2 info {bag}'),
         ('info ~/kitti', '~/kitti: no such file or folder; the shell takes ~ for your home outs'),
+        ('eval detection {object} {bag.parent}/{bag.stem}.mcpa', 'did you mean {bag}?'),
+        ('status {object}', '{object}: no command with --all wrote here; expected its OUT'),
+        ('report {object} -o', 'see kitti-ros2 report --help'),
+        ('eval detection {object} {tmp} -o', 'see kitti-ros2 eval detection --help'),
         ('{object} {tmp}/o', 'give a command first, such as kitti-ros2 info '),
     ],
 )  # fmt: skip
@@ -403,6 +407,10 @@ def test_misspelt_words(recordings, bag, tmp_path, capsys, words, said):
     assert said.format(**places) in complain(
         [word.format(**places) for word in words.split()], capsys
     )
+
+
+def test_an_empty_argument_is_a_variable_that_is_not_set(recordings, capsys):
+    assert 'an argument is empty' in complain(['to-bag', recordings[Layout.OBJECT], ''], capsys)
 
 
 def test_a_topic_misspelt_beside_a_right_one_is_a_note(recordings, tmp_path, capsys):
