@@ -268,10 +268,13 @@ _OTHER_NAMES = {
 """What to answer to words that are no commands."""
 _OTHER_OPTIONS = {
     **dict.fromkeys(('--format', '--type', '--dataset'), '--layout'),
-    **dict.fromkeys(('--drive', '--split'), '--sequence'),
+    '--drive': '--sequence',
     **dict.fromkeys(('--min-overlap', '--overlap', '--threshold'), '--iou'),
     **dict.fromkeys(('--workers', '--threads', '-j'), '--jobs'),
     **dict.fromkeys(('--force', '-f'), '--overwrite'),
+    **dict.fromkeys(('--split', '--max-size', '--max-bag-size', '-b'), '--split-size'),
+    **dict.fromkeys(('--output-dir', '--output-folder', '-O'), '--out'),
+    '--max-bag-duration': '--split-duration',
     '--frames': '--start',
     '--speed': '--rate',
     '-c': '--compression',

@@ -500,7 +500,10 @@ def _describe_folder(path: Path) -> str:
     if folders:
         return f'contains no file like {_NAMED}; did you mean {some_of([*map(str, folders)])}?'
     if not _OF_DATA_SETS.union(SPLITS).isdisjoint(entries):
-        return f'is a folder of a KITTI data set; expected result files like {_NAMED}'
+        return (
+            f'is a folder of a KITTI data set; expected result files like {_NAMED}'
+            f' (eval detection takes GROUND_TRUTH first, then RESULTS)'
+        )
     tracks = STORE.list_numbered(path, (TXT,), SEQUENCE_DIGITS)
     first = tracks.path(int(tracks.numbers[0])) if len(tracks.numbers) else None
     hint = f'; give the file of one sequence, such as {first}' if first is not None else ''
