@@ -497,7 +497,7 @@ def test_messages_of_a_bag_outside(bag, capsys):
         ),
         ('play --foxglove', 'usage: kitti-ros2 play SRC'),
         ('info --frame', 'there is no option --frame; usage: kitti-ros2 info'),
-        ('view x --frame many', "Invalid value for '--frame': "),
+        ('view x --frame many', "--frame takes a number, not 'many'"),
     ],
 )
 def test_missing_words(capsys, words, said):

@@ -252,7 +252,7 @@ def test_one_bad_archive_of_several_costs_itself_only(tmp_path, capsys):
         ('{a} {tmp}/training', 'is a part of a data set, and {a} contains whole data sets'),
         ('{a} {tmp}/2011_09_28', 'is a part of a data set, and {a} contains whole data sets'),
         ('{a} {tmp}/out --max-ratio 0', 'max_ratio 0 is not within 1 to 2000'),
-        ('{a} {tmp}/out --max-size much', "max_size takes a size such as 2GB, not 'much'"),
+        ('{a} {tmp}/out --max-size much', "--max-size takes a size such as 2GB, not 'much'"),
     ],
 )
 def test_mistakes(tmp_path, capsys, words, line):

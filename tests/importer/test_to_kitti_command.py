@@ -160,7 +160,7 @@ def test_an_append_behind_a_link_is_refused(bag, tmp_path, capsys):
         (['{bag}', '{out}', '--layout', 'raw', '--name', '../x'], '../x is no drive'),
         (['{bag}', '{out}', '--layout', 'object', '--name', '../x'], "no split '../x'"),
         (['{bag}', '{out}', '--layout', 'object', '--calib', '{none}'], 'no such file or folder'),
-        (['{bag}', '{out}', '--plan-file', '{none}'], 'No such file'),
+        (['{bag}', '{out}', '--plan-file', '{none}'], '--plan-file takes one that exists'),
         (['{none}', '{out}', '--layout', 'object'], 'there is no such file'),
         (['{circle}', '{out}', '--layout', 'object'], 'there is no such file'),
         (['{bag}', '{circle}', '--layout', 'object'], 'it is a symbolic link'),
