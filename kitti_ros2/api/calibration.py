@@ -11,15 +11,8 @@ import numpy as np
 
 from ..drawing.projection import Projection
 from ..importer.box_labels import ImageOf, TrackIds, make_boxes
-from ..kitti import names
-from ..kitti.calib_file import (
-    format_object,
-    format_odometry,
-    format_raw,
-    format_tracking,
-    parse_calibration,
-    parse_raw_calibration,
-)
+from ..kitti.calib_file import parse_calibration, parse_raw_calibration
+from ..kitti.find import LAYOUTS
 from ..kitti.store import STORE
 from ..messages.camera_info import static_links
 from ..messages.naming import LABELLED_CAMERA, make_frames
@@ -35,6 +28,7 @@ from .single_files import file_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -110,7 +104,8 @@ class CalibratedRig:
         """Project points into the images of a camera.
 
         Rectified images: P_i R0_rect Tr_velo_to_cam x, as in the devkit's readme.txt. Unrectified
-        images of raw extracts: K and distortion (plumb bob) of the camera.
+        images of raw extracts: K and distortion (plumb bob) of the camera. KITTI-360's fisheyes:
+        the MEI model, which sees to the side and behind.
 
         Args:
             points: (N, 3) or more columns, of which x y z are used, metres.
@@ -119,8 +114,8 @@ class CalibratedRig:
 
         Returns:
             (N, 2) float64 pixels u (right), v (down), (0, 0) the centre of the first pixel, NaN for
-            points behind the camera; and (N,) float64 depth along the optical axis, metres. Pixels
-            may be outside of the image.
+            points behind the camera; and (N,) float64 depth along the optical axis, metres, of
+            fisheyes the distance. Pixels may be outside of the image.
 
         Raises:
             MissingDataError: The calibration of the camera is missing.
@@ -133,7 +128,7 @@ class CalibratedRig:
         if frame != self._frames.velo:
             xyz = _move(xyz, self._to_velo(frame))
         seen = projection.homogeneous(xyz)
-        return projection.pixels(seen), seen[:, 2]
+        return projection.pixels(seen), projection.depth(seen)
 
     def unproject(
         self,
@@ -146,7 +141,7 @@ class CalibratedRig:
 
         Args:
             uv: (N, 2) pixels.
-            depth: (N,) metres along the optical axis.
+            depth: (N,) metres along the optical axis; of fisheyes the distance.
             camera: KITTI's number.
             frame: Coordinate frame of the result, as in transform.
 
@@ -271,14 +266,6 @@ def _matrix(name: str, values: npt.ArrayLike, shapes: tuple[tuple[int, int], ...
 
 # Reading and writing of calibrations, in the form of each layout.
 
-_RAW_FILES = (names.CALIB_CAM_TO_CAM, names.CALIB_VELO_TO_CAM, names.CALIB_IMU_TO_VELO)
-_FORMATS = {
-    Layout.OBJECT: lambda model: {'': format_object(model)},
-    Layout.TRACKING: lambda model: {'': format_tracking(model)},
-    Layout.ODOMETRY: lambda model: {'': format_odometry(model)},
-    Layout.RAW: format_raw,
-}
-
 
 def read_calibration(path: AnyPath) -> CalibratedRig:
     """Read a calibration in any of KITTI's forms.
@@ -292,15 +279,22 @@ def read_calibration(path: AnyPath) -> CalibratedRig:
     """
     with file_at(path) as file:
         if file.is_dir():
-            texts = {
-                name: STORE.read_text(file / name) for name in _RAW_FILES if (file / name).is_file()
-            }
-            calibration = parse_raw_calibration(texts, file, rectified=True)
+            calibration = _parse_folder(file)
         else:
             calibration = parse_calibration(STORE.read_text(file), file, file.name)
         for reason in calibration.missing.values():
             raise BadFileError(file, reason, 'a whole calibration')
         return CalibratedRig(calibration)
+
+
+def _parse_folder(folder: Path) -> Calibration:
+    """Parse a calibration of several files, of the first layout that has any of them."""
+    for files in LAYOUTS.values():
+        there = [name for name in files.calibration_files if (folder / name).is_file()]
+        if there and files.parse_calibration is not None:
+            texts = {name: STORE.read_text(folder / name) for name in there}
+            return files.parse_calibration(texts, folder, True)  # noqa: FBT003 - as the row has it
+    return parse_raw_calibration({}, folder, rectified=True)
 
 
 def write_calibration(
@@ -318,7 +312,7 @@ def write_calibration(
         KittiRos2Error: A part of the calibration is missing, or the file cannot be written.
     """
     try:
-        files = _FORMATS[Layout(layout)](calibration.model)
+        files = LAYOUTS[Layout(layout)].format_calibration(calibration.model)
     except ValueError as error:
         raise UsageError(f'{path}: {error}') from None
     with file_at(path) as file:

@@ -202,7 +202,7 @@ class CameraView:
     def sees(self, points: Float32Array, xyz: Float64Array) -> npt.NDArray[np.bool_]:
         """Return the (N,) mask of the visible of (N, 4) points, whose xyz are (N, 3) float64."""
         seen = self.projection.homogeneous(xyz)
-        depth, pixels = seen[:, 2], self.projection.pixels(seen)
+        depth, pixels = self.projection.depth(seen), self.projection.pixels(seen)
         if self.rule is View.REFERENCE:
             near_enough = (points[:, 3] > 0) & (depth >= 0)
             pixels = np.rint(pixels)

@@ -273,7 +273,7 @@ def is_labelled(calibration: Calibration | Projection | None, camera: int) -> bo
     if camera != LABEL_CAMERA:
         return False
     if isinstance(calibration, Projection):
-        return calibration.d is None
+        return calibration.lens is None
     return calibration is None or calibration.rectified
 
 

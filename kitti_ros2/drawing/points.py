@@ -305,13 +305,14 @@ def seen_points(
         (K, 2) int32 column and row, (K,) depth in metres, and the (K,) indices of the points.
     """
     seen = projection.homogeneous(points[:, :3])
-    ahead = np.flatnonzero(seen[:, 2] > 0)
+    depth = projection.depth(seen)
+    ahead = np.flatnonzero(depth > 0)
     pixels = projection.pixels(seen[ahead])
     u, v = pixels.T
     inside = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
     chosen = ahead[inside]
     columns_rows = np.rint(pixels[inside]).astype(np.int32)
-    return columns_rows, seen[chosen, 2].astype(np.float32), chosen
+    return columns_rows, depth[chosen].astype(np.float32), chosen
 
 
 def scatter(

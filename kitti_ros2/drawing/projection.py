@@ -6,9 +6,10 @@
 - Independent cameras (Waymo): P_i cam_T_velo.
 - Unrectified images (extract): K distort(X) with X = cam_T_cam0 cam0_T_velo x, by the camera's
   own K and D. Distortion: plumb bob, as OpenCV's calib3d defines it (k1 k2 p1 p2 k3).
+- Cameras with a lens of their own (KITTI-360's fisheyes): K lens(cam_T_velo x).
 
 Pixels are KITTI's: (0, 0) is the centre of the first one. Depth is along the optical axis,
-metres.
+metres; of a wide lens, which sees to the side and behind, it is the distance.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ import numpy as np
 
 from ..model.boxes import NEAR_M
 from ..model.geometry import Transform
+from ..model.lenses import PlumbBob, at_depth_1
 from ..model.samples import rect_from_velo
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.geometry import Float64Array
+    from ..model.lenses import Lens
     from ..model.samples import Calibration, CameraCalibration
 
 _PLUMB_BOB = 5
-_MOST_STEPS = 500
-_STEP = 1e-12
 _SEGMENTS = 16
 """Number of straight segments of a line that the lens bends."""
 
@@ -40,15 +41,15 @@ class Projection:
     """Projection of velo_link points to pixels of a camera.
 
     Attributes:
-        matrix: (3, 4) velo_link to homogeneous pixels; if d is set, to metres in the camera's own
-            frame. The third row is the depth either way.
-        k: (3, 3) applied after the distortion, None without one.
-        d: (5,) plumb bob, None for rectified images.
+        matrix: (3, 4) velo_link to homogeneous pixels; with a lens, to metres in the camera's own
+            frame. The third row is along the optical axis either way.
+        k: (3, 3) applied after the lens, None without one.
+        lens: The lens; None for rectified images.
     """
 
     matrix: Float64Array
     k: Float64Array | None = None
-    d: Float64Array | None = None
+    lens: Lens | None = None
 
     @classmethod
     def of(cls, calibration: Calibration, camera: int) -> Projection:
@@ -65,6 +66,9 @@ class Projection:
         if intrinsics is None:
             calibrated = ', '.join(map(str, sorted(calibration.cameras))) or 'none'
             raise ValueError(f'no calibration of camera {camera} (there is: {calibrated})')
+        if intrinsics.cam_T_velo is not None and intrinsics.lens is not None:
+            matrix = _finite(intrinsics.cam_T_velo.matrix()[:3], camera)
+            return cls(matrix, intrinsics.p_rect[:, :3], intrinsics.lens)
         if intrinsics.cam_T_velo is not None:
             return cls(_finite(intrinsics.p_rect @ intrinsics.cam_T_velo.matrix(), camera))
         if calibration.cam0_T_velo is None:
@@ -94,30 +98,33 @@ class Projection:
         seen = cv2.transform(positions.reshape(-1, 1, 3), self.matrix)
         return np.asarray(seen, np.float64).reshape(positions.shape)
 
+    def depth(self, seen: Float64Array) -> Float64Array:
+        """Return (...,) depths of (..., 3) homogeneous points, metres; see the module."""
+        is_wide = self.lens is not None and self.lens.is_wide
+        return np.linalg.norm(seen, axis=-1) if is_wide else np.asarray(seen[..., 2])
+
     def pixels(self, seen: Float64Array) -> Float64Array:
         """Return (..., 2) pixels, u and v, of homogeneous points; NaN for invisible ones.
 
-        These are behind the camera, or so far to the side that the distortion would fold them back.
+        These are behind the camera, or so far to the side that the lens would fold them back.
         """
         with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
-            flat = seen[..., :2] / np.where(seen[..., 2:] > 0, seen[..., 2:], np.nan)
-            if self.k is None or self.d is None:
-                return np.asarray(flat, np.float64)
-            return np.asarray(
-                _distorted(flat, self.d) @ self.k[:2, :2].T + self.k[:2, 2], np.float64
-            )
+            if self.k is None or self.lens is None:
+                return at_depth_1(seen)
+            return np.asarray(self.lens.bent(seen) @ self.k[:2, :2].T + self.k[:2, 2], np.float64)
 
     def points(self, pixels: Float64Array, depth: Float64Array) -> Float64Array:
         """Return the (N, 3) points in velo_link at (N, 2) pixels and (N,) depths, metres."""
-        flat = pixels
-        if self.k is not None and self.d is not None:
-            flat = _undistorted((pixels - self.k[:2, 2]) @ np.linalg.inv(self.k[:2, :2]).T, self.d)
-        seen = np.column_stack([flat, np.ones(len(flat))]) * depth[:, None]
+        if self.k is None or self.lens is None:
+            rays = np.column_stack([pixels, np.ones(len(pixels))])
+        else:
+            rays = self.lens.rays((pixels - self.k[:2, 2]) @ np.linalg.inv(self.k[:2, :2]).T)
+        seen = rays * depth[:, None]
         points: Float64Array = np.linalg.solve(self.matrix[:, :3], (seen - self.matrix[:, 3]).T).T
         return points
 
     def segments(self, ends: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
-        """Project straight lines, clipped just in front of the camera.
+        """Project straight lines, clipped just in front of a camera without a wide lens.
 
         Args:
             ends: (M, 2, 3) in velo_link, metres.
@@ -125,8 +132,10 @@ class Projection:
         Returns:
             (K, 2, 2) segments in pixels, not clipped to an image; (K,) the line of each.
         """
-        seen, lines = _clip_near(self.homogeneous(ends))
-        if self.d is not None:
+        seen, lines = self.homogeneous(ends), np.arange(len(ends))
+        if self.lens is None or not self.lens.is_wide:
+            seen, lines = _clip_near(seen)
+        if self.lens is not None:
             steps = np.linspace(0.0, 1.0, _SEGMENTS + 1)[:, None]
             along = seen[:, :1] + steps * (seen[:, 1:] - seen[:, :1])
             seen = np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2, 3)
@@ -148,41 +157,6 @@ def _clip_near(seen: Float64Array) -> tuple[Float64Array, npt.NDArray[np.intp]]:
     return seen + share[..., None] * (seen[:, ::-1] - seen), lines
 
 
-def _distorted(flat: Float64Array, d: Float64Array) -> Float64Array:
-    """Apply plumb bob to (..., 2) points at depth 1; NaN where the model folds back."""
-    k1, k2, p1, p2, k3 = d
-    x, y = flat[..., 0], flat[..., 1]
-    squared = x * x + y * y
-    squared = np.where(squared < _fold_radius(d), squared, np.nan)
-    radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
-    return np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (squared + 2 * x * x),
-            y * radial + p1 * (squared + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )
-
-
-def _undistorted(bent: Float64Array, d: Float64Array) -> Float64Array:
-    """Invert _distorted by fixed-point iteration; NaN where no point is distorted there."""
-    flat = bent
-    for _ in range(_MOST_STEPS):
-        step = bent - _distorted(flat, d)
-        flat = flat + step
-        if not (np.abs(step) > _STEP).any():
-            break
-    return np.where(np.abs(step) <= _STEP, flat, np.nan)
-
-
-def _fold_radius(d: Float64Array) -> float:
-    """Return the squared radius beyond which the distortion folds points back."""
-    k1, k2, _, _, k3 = d
-    roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
-    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
-    return float(real.min()) if len(real) else np.inf
-
-
 def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) -> Projection:
     """Return the projection of a camera with unrectified images."""
     if camera.k is None or camera.d is None or len(camera.d) != _PLUMB_BOB:
@@ -195,7 +169,8 @@ def _unrectified(camera: CameraCalibration, index: int, cam0_t_velo: Transform) 
         )
     cam_t_cam0 = camera.cam_T_cam0 or Transform.identity()
     matrix = (cam_t_cam0 @ cam0_t_velo).matrix()[:3]
-    return Projection(_finite(matrix, index), _finite(camera.k, index), _finite(camera.d, index))
+    lens = PlumbBob(_finite(camera.d, index))
+    return Projection(_finite(matrix, index), _finite(camera.k, index), lens)
 
 
 def _finite(values: Float64Array, camera: int) -> Float64Array:

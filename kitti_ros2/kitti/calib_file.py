@@ -188,7 +188,7 @@ T = TypeVar('T')
 _KITTI_CAMERAS = 4
 
 
-class _Parts:
+class CalibParts:
     """Reads parts of calibration tables; an invalid or absent part is recorded, not fatal."""
 
     def __init__(self) -> None:
@@ -220,7 +220,7 @@ def parse_calibration(text: str, path: Path, name: str, source: str = '') -> Cal
             missing.
     """
     table = CalibTable.parse(text, path)
-    parts = _Parts()
+    parts = CalibParts()
     cameras = {}
     for index in range(CAMERA_COUNT):
         key = f'P{index}'
@@ -271,7 +271,7 @@ def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
     return None if p_rect is None else CameraCalibration(p_rect, cam_T_velo=own)
 
 
-class _RawParts(_Parts):
+class _RawParts(CalibParts):
     """Reads parts of the three raw files, by file name."""
 
     def __init__(self, texts: Mapping[str, str], folder: Path, source: str) -> None:
@@ -324,7 +324,7 @@ def parse_raw_calibration(
     cam_to_cam = parts.table(names.CALIB_CAM_TO_CAM)
     cameras = {}
     for index in range(len(names.RAW_IMAGES)):
-        read = partial(_parse_raw_camera, cam_to_cam, index, rectified=rectified)
+        read = partial(parse_raw_camera, cam_to_cam, index, rectified=rectified)
         key = f'P_rect_{index:02d}'
         absent = parts.missing.get(names.CALIB_CAM_TO_CAM, cam_to_cam.absence(key))
         absent = '' if key in cam_to_cam.placeholders else absent
@@ -358,9 +358,12 @@ def _on_another_day(cam_to_cam: CalibTable, day: str) -> tuple[str, ...]:
     return (f'{cam_to_cam.path}: {which}, the drive is of {day}',)
 
 
-def _parse_raw_camera(
-    table: CalibTable, index: int, *, rectified: bool
-) -> CameraCalibration | None:
+def parse_raw_camera(table: CalibTable, index: int, *, rectified: bool) -> CameraCalibration | None:
+    """Parse a camera of calib_cam_to_cam.txt, None without a projection.
+
+    Raises:
+        BadFileError: A value is invalid, or one that images as measured need is absent.
+    """
     p_rect = table.projection(f'P_rect_{index:02d}')
     if p_rect is None:
         return None

@@ -11,16 +11,26 @@ from typing import TYPE_CHECKING
 
 from ..kitti import names
 from ..model.streams import Layout, Stream
+from .calib_file import (
+    format_object,
+    format_odometry,
+    format_raw,
+    format_tracking,
+    parse_raw_calibration,
+)
 from .readers import ObjectRecording, OdometryRecording, RawRecording, TrackingRecording
 from .store import STORE, Listing
+from .text_file import parse_odometry_poses
 from .writers import ObjectWriter, OdometryWriter, RawWriter, TrackingWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from ..model.samples import Calibration
     from ..options.read import ReadOptions
     from .kitti_recording import KittiRecording
+    from .text_file import NumberedPoses
     from .writers import LayoutWriter, WriteOptions
 
 
@@ -326,7 +336,7 @@ def _below_root(path: Path, root: Path) -> PurePosixPath:
 # Other differences between layouts are in LayoutTraits.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LayoutFiles:
     """The reader and the writer of a layout, and names of text files.
 
@@ -337,35 +347,56 @@ class LayoutFiles:
             the file without suffix.
         stamps: Name of the text file with the stamps of a stream, beside the stream's folder; empty
             in a layout without time.
+        format_calibration: Formats a calibration: file name to text, '' for the one file that a
+            calibration is.
+        calibration_files: Names of the files of a calibration that is several.
+        parse_calibration: Parses these: by name the texts of those that exist, their folder, and
+            whether the images are rectified.
+        parse_poses: Parses the file of poses, if the layout has one.
     """
 
     find: Callable[[Path], list[Candidate]]
     write: Callable[[Path, str, WriteOptions | None], LayoutWriter]
     line_folders: Mapping[Stream, str] = field(default_factory=dict)
     stamps: str = ''
+    format_calibration: Callable[[Calibration], Mapping[str, str]]
+    calibration_files: tuple[str, ...] = ()
+    parse_calibration: Callable[[Mapping[str, str], Path, bool], Calibration] | None = None
+    parse_poses: Callable[[str, Path], NumberedPoses] = parse_odometry_poses
 
 
 LAYOUTS = {
     Layout.RAW: LayoutFiles(
-        find_raw,
-        lambda root, name, _: RawWriter(root, *names.parse_drive(name)),
+        find=find_raw,
+        write=lambda root, name, _: RawWriter(root, *names.parse_drive(name)),
         stamps=names.TIMESTAMPS,
+        format_calibration=format_raw,
+        calibration_files=names.RAW_CALIB,
+        parse_calibration=lambda texts, folder, rectified: parse_raw_calibration(
+            texts, folder, rectified=rectified
+        ),
     ),
-    Layout.OBJECT: LayoutFiles(find_object, ObjectWriter),
+    Layout.OBJECT: LayoutFiles(
+        find=find_object,
+        write=ObjectWriter,
+        format_calibration=lambda calibration: {'': format_object(calibration)},
+    ),
     Layout.ODOMETRY: LayoutFiles(
-        find_odometry,
-        lambda root, name, _: OdometryWriter(root, names.parse_sequence(name)),
-        {Stream.POSE: names.POSES},
+        find=find_odometry,
+        write=lambda root, name, _: OdometryWriter(root, names.parse_sequence(name)),
+        line_folders={Stream.POSE: names.POSES},
         stamps=names.TIMES,
+        format_calibration=lambda calibration: {'': format_odometry(calibration)},
     ),
     Layout.TRACKING: LayoutFiles(
-        find_tracking,
-        lambda root, name, _: TrackingWriter(root, names.parse_sequence(name)),
-        {
+        find=find_tracking,
+        write=lambda root, name, _: TrackingWriter(root, names.parse_sequence(name)),
+        line_folders={
             Stream.OXTS: names.OXTS,
             Stream.POSE: names.OXTS,
             Stream.LABELS: names.TRACKING_LABELS,
         },
+        format_calibration=lambda calibration: {'': format_tracking(calibration)},
     ),
 }
 

@@ -35,7 +35,7 @@ from ..model.samples import (
     Trajectory,
     cuboids_of,
 )
-from ..model.streams import CAMERA_NAMES, EARTH_RADIUS_M, Clock, Layout, Stream
+from ..model.streams import EARTH_RADIUS_M, Clock, Layout, Stream
 from ..options.read import ScanStamp
 from .archives import describe_source
 from .calib_file import parse_calibration
@@ -309,11 +309,11 @@ class KittiRecording(RecordingPoses):
 
     @property
     def cameras(self) -> dict[int, str]:
-        """Camera index to name: KITTI's four, or plain numbers on another rig."""
+        """Camera index to name: those of the layout, or plain numbers on another rig."""
         present = [stream.camera for stream in self.streams if stream.camera is not None]
         if present and self.calibration(self._first_number).independent_cameras:
             return {index: str(index) for index in present}
-        return {index: CAMERA_NAMES.get(index, str(index)) for index in present}
+        return {index: self.layout.traits.camera_names.get(index, str(index)) for index in present}
 
     def text_paths(self) -> list[Path]:
         """List the existing text files of the whole recording."""

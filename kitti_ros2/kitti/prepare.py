@@ -341,8 +341,15 @@ def prepare_stereo(recording: KittiRecording) -> None:
     if not recording.options.stereo:
         return
     streams = recording.streams
-    pairs = [(left, right) for right, left in LEFT_STREAM_OF.items() if {left, right} <= {*streams}]
-    own = bool(pairs) and recording.calibration(_first(streams[pairs[0][0]])).independent_cameras
+    pairs = [
+        (left, right)
+        for right, left in LEFT_STREAM_OF.items()
+        if {left, right} <= {*streams} and right.camera in recording.layout.traits.right_cameras
+    ]
+    left_0 = pairs[0][0] if pairs else None
+    own = left_0 is not None and recording.calibration(_first(streams[left_0])).is_independent(
+        left_0.camera or 0
+    )
     if own or not pairs:
         why = 'each camera has extrinsics of its own' if own else 'no two cameras are a pair'
         recording.notes.append(f'stereo {CHANGES_NOTHING}: {why}')

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ..model.streams import LAST_NS, format_seconds, format_stamp, parse_seconds
 from .store import STORE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Container, Iterable
+    from collections.abc import Callable, Collection, Container, Iterable, Sequence
     from pathlib import Path
 
     from ..model.geometry import Float64Array
@@ -203,6 +203,24 @@ def format_poses(matrices: Iterable[Float64Array]) -> str:
 
 def _parse_pose(line: str) -> Float64Array:
     return np.array(parse_numbers(line.split(), 12)).reshape(3, 4)
+
+
+class NumberedPoses(NamedTuple):
+    """A file of poses.
+
+    Attributes:
+        lines: A (3, 4) float64 matrix a line.
+        numbers: The frame of each line; of an invalid one any number.
+    """
+
+    lines: Lines[Float64Array]
+    numbers: Sequence[int]
+
+
+def parse_odometry_poses(text: str, path: Path | str) -> NumberedPoses:
+    """Parse a poses file whose line n is frame n."""
+    lines = parse_poses(text, path)
+    return NumberedPoses(lines, range(len(lines)))
 
 
 # GPS/IMU packets: one a file (raw) or one a line (tracking), 30 columns.

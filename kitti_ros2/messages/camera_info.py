@@ -11,6 +11,9 @@ One rule: P (after R) projects points given in header.frame_id, exactly as KITTI
   K_rect in P. The cameras' R_0i, T_0i and P_rect differ by up to 0.3 mm in KITTI's files; the
   remainder is in P's fourth column.
 - Cameras with extrinsics of their own (Waymo): their own frame, and P as it is.
+- Fisheyes (KITTI-360): distortion_model mei, for which ROS has no name, D of xi k1 k2 p1 p2, K of
+  gamma1 gamma2 u0 v0. P is the pinhole of the same size in the middle of the image: what it shows
+  of points near the axis is right, and image_geometry refuses to rectify.
 
 On request the pairs of cameras (0 and 1, 2 and 3) follow the rule of stereo nodes instead: P is
 K_rect, and in the right camera Tx = -fx B, B the baseline along x, with Ty = Tz = 0
@@ -75,7 +78,7 @@ def image_frame_camera(calibration: Calibration, index: int, *, own: bool = Fals
     With own it is the camera itself.
     """
     left = LEFT_OF.get(index)
-    if own or left is None or not calibration.rectified or calibration.independent_cameras:
+    if own or left is None or not calibration.rectified or calibration.is_independent(index):
         return index
     return left if left in calibration.cameras else index
 
@@ -84,6 +87,10 @@ def projection(calibration: Calibration, index: int) -> Float64Array:
     """Return (3, 4) P of CameraInfo, which projects points of the image's frame after R."""
     camera = calibration.cameras[index]
     k = camera.p_rect[:, :3]
+    if camera.lens is not None:
+        p: Float64Array = camera.p_rect.copy()
+        p[[0, 1], [0, 1]] *= camera.lens.scale
+        return p
     if camera.cam_T_velo is not None:
         return camera.p_rect
     if not calibration.rectified:
@@ -101,7 +108,7 @@ def projection(calibration: Calibration, index: int) -> Float64Array:
 def stereo_projection(calibration: Calibration, index: int) -> Float64Array:
     """Return (3, 4) P of CameraInfo by the rule of stereo nodes; projection's for other cameras."""
     cameras, left = calibration.cameras, LEFT_OF.get(index, index)
-    if calibration.independent_cameras or index not in _PAIRED:
+    if calibration.is_independent(index) or index not in _PAIRED:
         return projection(calibration, index)
     fx_baseline = 0.0
     if left in cameras:
@@ -131,6 +138,9 @@ def encode_camera_info(
     """
     camera = calibration.cameras[index]
     k, d, r = camera.p_rect[:, :3], np.zeros(5), np.eye(3)
+    model = PLUMB_BOB
+    if camera.lens is not None:
+        model, d = camera.lens.model, camera.lens.numbers
     if not calibration.rectified:
         k = k if camera.k is None else camera.k
         d = d if camera.d is None else camera.d
@@ -139,7 +149,7 @@ def encode_camera_info(
         header=make_header(stamp_ns, frame_id),
         height=size[1],
         width=size[0],
-        distortion_model=PLUMB_BOB,
+        distortion_model=model,
         d=d,
         k=np.ascontiguousarray(k).ravel(),
         r=r.ravel(),
@@ -307,7 +317,7 @@ def with_nominal_mounts(
     named = sorted({image_frame_camera(calibration, index, own=own) for index in cameras})
     if not named:
         return calibration
-    if calibration.independent_cameras:
+    if all(map(calibration.is_independent, named)):
         return _with_cameras(calibration, [i for i in named if not _has_own_mount(calibration, i)])
     nominal = []
     if calibration.cam0_T_velo is None:
@@ -335,9 +345,9 @@ def _has_pose(calibration: Calibration, index: int) -> bool:
 
 
 def _with_cameras(calibration: Calibration, missing: list[int]) -> Calibration:
-    own = NOMINAL_CAM0_T_VELO if calibration.independent_cameras else None
     cameras = dict(calibration.cameras)
     for index in missing:
+        own = NOMINAL_CAM0_T_VELO if calibration.is_independent(index) else None
         offset = np.array([-NOMINAL_CAM0_X_M.get(index, 0.0), 0.0, 0.0])
         cameras[index] = CameraCalibration(
             np.column_stack([np.eye(3), offset]),
@@ -357,27 +367,23 @@ def static_links(
     """Return (parent, child, parent_T_child) of the static tree; unknown links are skipped.
 
     base_link -> imu_link -> velo_link -> camera 0 -> the other cameras, where camera 0 is the
-    rectified one, or the unrectified where the images are. On a rig whose cameras have extrinsics
-    of their own, each is a child of velo_link.
+    rectified one, or the unrectified where the images are. Cameras with extrinsics of their own are
+    children of velo_link.
     """
     links = [
         (frames.base, frames.imu, base_t_imu),
         (frames.imu, frames.velo, calibration.velo_T_imu.inverse()),
     ]
-    if calibration.independent_cameras:
-        return links + [
-            (frames.velo, frames.camera(index), camera.cam_T_velo.inverse())
-            for index, camera in sorted(calibration.cameras.items())
-            if camera.cam_T_velo is not None
-        ]
     first = frames.camera(0)
-    cam0_t_velo = _camera0_t_velo(calibration)
+    cam0_t_velo = None if calibration.is_independent(0) else _camera0_t_velo(calibration)
     if cam0_t_velo is not None:
         links.append((frames.velo, first, cam0_t_velo.inverse()))
     for index, camera in sorted(calibration.cameras.items()):
-        if index == 0:
+        if camera.cam_T_velo is not None:
+            links.append((frames.velo, frames.camera(index), camera.cam_T_velo.inverse()))
+        elif index == 0:
             continue
-        if calibration.rectified:
+        elif calibration.rectified:
             offset = Transform.from_translation(-rectified_offset(camera))
             links.append((first, frames.camera(index), offset))
         elif camera.cam_T_cam0 is not None:

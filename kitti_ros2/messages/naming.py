@@ -311,8 +311,9 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
     mount = base_t_imu(options)
     boxed = {Stream.LABELS, Stream.PREDICTIONS} & recording.streams.keys()
     labelled = {LABELLED_CAMERA} if boxed else set()
+    cameras = {**recording.layout.traits.camera_names, **recording.cameras}
     return Rig(
-        frames=with_ground_truth_tree(naming_of(options).frames_of(recording.cameras), options),
+        frames=with_ground_truth_tree(naming_of(options).frames_of(cameras), options),
         cameras=frozenset(recording.cameras) | labelled,
         base_t_imu=mount,
         map_T_world=map_from_world(recording.start, mount, options.map),

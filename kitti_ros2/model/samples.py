@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .boxes import Box, Cuboid
     from .errors import Loss
     from .geometry import Float64Array
+    from .lenses import Lens
     from .streams import Layout
 
 
@@ -281,6 +282,7 @@ class CameraCalibration:
         r_rect: (3, 3), its rectifying rotation, raw layout only.
         cam_T_cam0: Unrectified camera 0 to this unrectified camera, raw layout only.
         cam_T_velo: This camera's own extrinsics (Waymo in KITTI's shape), None on a KITTI rig.
+        lens: The lens of a camera with extrinsics of its own (KITTI-360's fisheyes); p_rect has K.
     """
 
     p_rect: Float64Array
@@ -290,6 +292,7 @@ class CameraCalibration:
     r_rect: Float64Array | None = None
     cam_T_cam0: Transform | None = None
     cam_T_velo: Transform | None = None
+    lens: Lens | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,8 +323,13 @@ class Calibration:
 
     @property
     def independent_cameras(self) -> bool:
-        """True if each camera has extrinsics of its own instead of a common rectified frame."""
+        """True if cameras have extrinsics of their own instead of a common rectified frame."""
         return any(camera.cam_T_velo is not None for camera in self.cameras.values())
+
+    def is_independent(self, index: int) -> bool:
+        """Return whether a camera has extrinsics of its own; an absent one as any other."""
+        camera = self.cameras.get(index)
+        return self.independent_cameras if camera is None else camera.cam_T_velo is not None
 
 
 Sample: TypeAlias = (

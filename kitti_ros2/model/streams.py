@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from enum import Enum
 from functools import cached_property, lru_cache
@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 from .errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
 
 
@@ -120,10 +122,14 @@ class LayoutTraits:
             are filled in.
         streams: The streams of the layout.
         cameras: The cameras of the main download; other folders of images may be absent.
+        camera_names: Camera index to its name in topics and frames.
+        right_cameras: The right cameras of stereo pairs of rectified images; see samples.LEFT_OF.
         clock: The meaning of the stamps, NOMINAL for a layout without time.
         stamps_per_stream: Whether each stream has its own stamps, so that any of them may have
             gaps; else a frame has one stamp.
         line_streams: Streams whose samples are lines of one text file for the whole recording.
+        numbered_lines: Those whose lines begin with the number of their frame; else line n is frame
+            n.
         calibration_per_frame: Whether each frame has its own calibration and image sizes, because
             the frames are of different days.
         frame_set: Whether a recording is a split (training or testing) of a set of independent
@@ -142,9 +148,12 @@ class LayoutTraits:
     default_name: str
     streams: frozenset[Stream]
     cameras: tuple[int, ...] = (0, 1, 2, 3)
+    camera_names: Mapping[int, str] = field(default_factory=lambda: CAMERA_NAMES)
+    right_cameras: tuple[int, ...] = (1, 3)
     clock: Clock = Clock.NOMINAL
     stamps_per_stream: bool = False
     line_streams: frozenset[Stream] = frozenset()
+    numbered_lines: frozenset[Stream] = frozenset()
     calibration_per_frame: bool = False
     frame_set: bool = False
     dated: bool = False
@@ -167,7 +176,6 @@ class PngForm(str, Enum):
     """The forms of PNG files of equal pixels: that of KITTI's camera images, and others."""
 
     KITTI = 'kitti'
-    KITTI_360 = 'kitti360'
     FAST = 'fast'
 
 
@@ -224,6 +232,7 @@ _TRAITS = {
         streams=_COMMON_STREAMS | {Stream.OXTS, Stream.LABELS},
         cameras=(2, 3),
         line_streams=frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS}),
+        numbered_lines=frozenset({Stream.LABELS}),
     ),
 }
 

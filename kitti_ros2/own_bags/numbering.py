@@ -171,12 +171,13 @@ def _lines(source_files: SourceFiles, stream: Stream) -> Iterable[int]:
     for path, text in source_files.texts.items():
         if folder in {path.parent.name, path.stem}:
             lines = text.splitlines()
-            return sorted({*row_frames(lines)}) if stream is Stream.LABELS else range(len(lines))
+            numbered = stream in source_files.layout.traits.numbered_lines
+            return sorted({*row_frames(lines)}) if numbered else range(len(lines))
     return ()
 
 
 def row_frames(lines: Iterable[str]) -> Iterator[int]:
-    """Yield the frame at the beginning of each row of a tracking label file."""
+    """Yield the frame at the beginning of each row, such as of a tracking label file."""
     for line in lines:
         word = line.split(maxsplit=1)[0] if line.strip() else ''
         if word.isdecimal() and len(word) <= names.FRAME_DIGITS:

@@ -21,7 +21,8 @@ from ..bags.reader import Decoder, open_messages
 from ..bags.single_messages import MessagePosition, MessagesByPosition, positions_of
 from ..importer.bag_videos import open_video
 from ..kitti import names
-from ..kitti.calib_file import parse_calibration, parse_raw_calibration
+from ..kitti.calib_file import parse_calibration
+from ..kitti.find import LAYOUTS
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.cdr import stamp_ns_of
@@ -265,9 +266,10 @@ class BagRecording:
 
     def _calibration(self, number: int) -> Calibration:
         files = self._source_files.calibrations
-        if self.layout.traits.dated:
+        parse = LAYOUTS[self.layout].parse_calibration
+        if parse is not None:
             texts = {path.name: text for path, text in files.items()}
-            return parse_raw_calibration(texts, self.root, rectified=self.common_numbers)
+            return parse(texts, self.root, self.common_numbers)
         pairs = [*files.items()]
         if self.layout.traits.calibration_per_frame:
             folder = self._source_files.folders.get(Stream.CALIBRATION)

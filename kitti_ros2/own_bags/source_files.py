@@ -363,7 +363,8 @@ class SourceFiles(DescribedRecording):
     def stamped_as(self, stream: Stream) -> Stream:
         """Return the stream whose stamps a stream's messages have: itself, or its left images."""
         left_stream = LEFT_STREAM_OF.get(stream, stream)
-        return left_stream if self.stereo and left_stream in self.folders else stream
+        is_paired = self.stereo and stream.camera in self.layout.traits.right_cameras
+        return left_stream if is_paired and left_stream in self.folders else stream
 
     def _paired_stamps(self, *pair: Stream) -> dict[int, int] | None:
         """Map the numbers of right images to stamps of messages; see kitti/prepare.py."""

@@ -556,7 +556,7 @@ def _find_projection(file: CalibrationFile) -> Iterator[Breach]:
 def _find_baseline(file: CalibrationFile) -> Iterator[Breach]:
     calib = file.calibration
     for right, left in LEFT_OF.items():
-        if not {left, right} <= {*calib.cameras} & {*file.cameras} or calib.independent_cameras:
+        if not {left, right} <= {*calib.cameras} & {*file.cameras} or calib.is_independent(right):
             continue
         # The fourth column is negative where the camera is to the right.
         centres = [rectified_offset(calib.cameras[index]) for index in (left, right)]
@@ -604,7 +604,7 @@ def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
 )
 def _find_scanner(file: CalibrationFile) -> Iterator[Breach]:
     cam0_t_velo = file.calibration.cam0_T_velo
-    if cam0_t_velo is None or file.calibration.independent_cameras:
+    if cam0_t_velo is None or file.calibration.is_independent(0):
         return
     # Column 0 is the scanner's x axis, forward; camera z is forward, y is down.
     if cam0_t_velo.rotation[2, 0] < _FORWARD or cam0_t_velo.rotation[1, 2] > -_FORWARD:

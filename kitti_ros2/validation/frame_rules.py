@@ -169,7 +169,7 @@ class FrameFiles:
     def p_rect(self) -> Float64Array | None:
         """The projection of the camera of the labels."""
         camera = self.calibration.cameras.get(_LABELLED_CAMERA)
-        is_usable = camera is not None and not self.calibration.independent_cameras
+        is_usable = camera is not None and not self.calibration.is_independent(_LABELLED_CAMERA)
         return camera.p_rect if is_usable and camera is not None else None
 
 
@@ -276,7 +276,7 @@ def _find_alpha(frames: Sequence[FrameFiles]) -> Iterator[Breach]:
     labels = [
         (frame.label_path, label)
         for frame in frames
-        if not frame.calibration.independent_cameras
+        if not frame.calibration.is_independent(_LABELLED_CAMERA)
         for label in frame.solid
         if label.box.alpha != -10
     ]

@@ -15,10 +15,11 @@ from ..files.processes import can_fork, forked_map
 from ..files.threads import ordered_map, worker_count
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration
+from ..kitti.find import LAYOUTS
 from ..kitti.kitti_recording import no_calibration
 from ..kitti.scan_file import POINT_BYTES
 from ..kitti.store import STORE
-from ..kitti.text_file import parse_poses, parse_times, parse_timestamps
+from ..kitti.text_file import parse_times, parse_timestamps
 from ..model.boxes import DONT_CARE
 from ..model.errors import BadFileError, KittiRos2Error, describe_error
 from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
@@ -344,9 +345,10 @@ class SequenceChecks:
         self._check_stamps(texts)
         for path, text in texts.items():
             if _is_poses(path):
-                poses = self._parsed(path, text, parse_poses)
-                self._report(poses.errors)
-                self.breaches += find_breaches(POSE_RULES, PosesFile(path, poses))
+                parse = LAYOUTS[self._recording.layout].parse_poses
+                poses = self._parsed(path, text, parse)
+                self._report(poses.lines.errors)
+                self.breaches += find_breaches(POSE_RULES, PosesFile(path, *poses))
             elif path.parent.name == names.TRACKING_LABELS:
                 self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
                 self._report({error.line: error for error in self.labels.errors})

@@ -564,10 +564,11 @@ def _find_extremes(track: PacketTrack) -> Iterator[Breach]:
 
 @dataclass(frozen=True, eq=False)
 class PosesFile:
-    """A file of odometry's poses, line n for frame n."""
+    """A file of poses, with the frame of each line."""
 
     path: Path
     lines: Lines[Float64Array]
+    numbers: Sequence[int]
 
 
 POSE_RULES = RuleTable[PosesFile](RuleScope.RECORDING)
@@ -601,13 +602,13 @@ def _find_bent_poses(file: PosesFile) -> Iterator[Breach]:
 @POSE_RULES.add(
     'pose-jump',
     WARNING,
-    'Consecutive poses are less than 5 m apart',
+    'Poses of consecutive frames are less than 5 m apart',
     'lines are missing, or the trajectory jumps',
 )
 def _find_pose_jumps(file: PosesFile) -> Iterator[Breach]:
     poses = file.lines.sound()
     for line, pose in poses.items():
-        if line - 1 in poses:
+        if line - 1 in poses and file.numbers[line] - file.numbers[line - 1] == 1:
             distance = float(np.linalg.norm(pose[:, 3] - poses[line - 1][:, 3]))
             if distance > _FARTHEST_STEP_M:
                 yield Breach(f'{distance:.1f} m from the pose above', file.path, line + 1)

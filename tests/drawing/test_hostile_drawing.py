@@ -17,12 +17,13 @@ from kitti_ros2.drawing.labelled_objects import LabelledObject
 from kitti_ros2.drawing.points import PointColors, draw_points, range_maps
 from kitti_ros2.drawing.projection import Projection
 from kitti_ros2.model.boxes import DONT_CARE
+from kitti_ros2.model.lenses import PlumbBob
 from kitti_ros2.options.outputs import BirdOptions, ColorBy
 
 ANY = st.floats() | st.sampled_from([0.0, -1.0, 1e9, -1e9, 1e300])
 SCANS = arrays(np.float32, st.tuples(st.integers(0, 9), st.just(4)), elements=st.floats(width=32))
 SIZES = st.sampled_from([(1, 1), (2, 1), (1, 40), (40, 30)])
-LENS = Projection(camera().matrix, np.eye(3), np.array([-0.37, 0.2, 0.002, 0.001, -0.07]))
+LENS = Projection(camera().matrix, np.eye(3), PlumbBob(np.array([-0.37, 0.2, 0.002, 0.001, -0.07])))
 
 
 @st.composite
