@@ -14,6 +14,7 @@ import numpy as np
 from kitti_ros2.kitti.label_file import parse_labels
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import decode_static
+from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.read import SelectionOptions
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 SHARED = Path(__file__).resolve().parents[2] / 'shared'
 """Real files, beside the repository; absent on a user's machine."""
+
+OF_OTHERS = [layout for layout in Layout if layout.traits.from_others]
+"""The layouts that are made of bags of others."""
 
 SMALL = SyntheticOptions(frames=5, image_size=(310, 94), lidar_columns=200)
 """The recording of the shared fixtures."""

@@ -24,6 +24,8 @@ GONE = {
     Layout.ODOMETRY: ('sequences/*/velodyne/*2.bin', 'sequences/*/image_2/*0.png'),
     Layout.TRACKING: ('*/velodyne/*/*0.bin', '*/image_0[23]/*/*[0123].png'),
     Layout.OBJECT: ('*/image_2/*16.png',),
+    Layout.KITTI_360: ('data_3d_raw/*/*/data/*[02].bin', 'data_2d_raw/*/image_0[01]/*/*0.png',
+                       'data_2d_raw/*/image_00/*/*3.png'),
 }  # fmt: skip
 """By layout the files that a recording with holes does not have."""
 

@@ -23,12 +23,17 @@ FILES = {
     Layout.OBJECT: [f'training/calib/00000{number}.txt' for number in range(5)],
     Layout.ODOMETRY: ['sequences/00/calib.txt'],
     Layout.TRACKING: ['training/calib/0000.txt'],
+    Layout.KITTI_360: [
+        f'calibration/{name}.txt'
+        for name in ('perspective', 'calib_cam_to_pose', 'calib_cam_to_velo')
+    ],
 }
 KEYS = {
     Layout.RAW: ['P_rect_01', 'P_rect_02', 'R_rect_00', 'T_03'],
     Layout.OBJECT: ['P0', 'P2', 'P3', 'R0_rect', 'Tr_velo_to_cam', 'Tr_imu_to_velo'],
     Layout.ODOMETRY: ['P0', 'P1', 'P2', 'Tr'],
     Layout.TRACKING: ['P2', 'R_rect', 'Tr_velo_cam', 'Tr_imu_velo'],
+    Layout.KITTI_360: ['P_rect_00', 'P_rect_01', 'R_rect_00', 'T_01'],
 }
 
 

@@ -392,7 +392,7 @@ class PoseSeries:
 
 
 def open(path: str | os.PathLike[str], **options: Unpack[ReadKeywords]) -> Recording:  # noqa: A001
-    """Open a KITTI folder (raw, object, odometry, tracking) or a bag (MCAP, sqlite3, ROS 1).
+    """Open a KITTI folder (all layouts, KITTI-360 too) or a bag (MCAP, sqlite3, ROS 1).
 
     Frames of a folder, and of a bag written by to-bag, have KITTI's file numbers. Frames of other
     bags are numbered by position, from 0; topics and calibration are detected as by to-kitti.

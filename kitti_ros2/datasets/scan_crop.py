@@ -181,7 +181,6 @@ def _is_on_motion(note: str) -> bool:
 # camera in a raw extract. Width and height are those of the frame's own image in object, whose
 # sizes differ; elsewhere all images of a camera have one size.
 
-DEFAULT_CAMERA = 2
 _NEAREST_M, _FARTHEST_M = 0.001, 100.0
 
 
@@ -224,7 +223,8 @@ class CameraViews:
     def __init__(self, recording: KittiRecording, options: CropOptions) -> None:
         self._recording = recording
         self._rule = options.view
-        self._camera = DEFAULT_CAMERA if options.camera is None else options.camera
+        main_camera = recording.layout.traits.main_camera
+        self._camera = main_camera if options.camera is None else options.camera
         self._size = options.image_size
         self._common = lru_cache(maxsize=1)(lambda: self._make(0))
 

@@ -307,13 +307,18 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
 
     Raises:
         MissingDataError: They contain no data that the layout requires.
-        UsageError: The options name no layout.
+        UsageError: The options name no layout, or one that is not made of bags of others.
     """
+    layouts = either([layout.value for layout in Layout if layout.traits.from_others])
     if options.layout is None:
-        layouts = either([layout.value for layout in Layout])
         raise UsageError(
             f'{path_of(bags[0])}: which layout is wanted? give --layout {layouts}, such as'
             f' --layout object'
+        )
+    if not options.layout.traits.from_others:
+        raise UsageError(
+            f'{path_of(bags[0])}: layout {options.layout.value} is made of bags of its own only;'
+            f' give --layout {layouts}'
         )
     if options.all_cameras and survey.calibrations:
         raise UsageError('--all-cameras is for bags of other programs; to-bag wrote this one')

@@ -28,10 +28,12 @@ if TYPE_CHECKING:
 # 2. raw: from the folder of the drive on, in the folder of its date, where calib_*.txt are, too.
 #    Files without a drive or date above them take these from the archive's name, such as
 #    2011_09_26_drive_0005_tracklets.zip.
-# 3. odometry: `sequences/NN/...` and `poses/NN.txt`, in `dataset`; also `NN/velodyne` and the like.
-# 4. object and tracking: from `training`, `testing` or `ImageSets` on.
-# 5. folders of a split without the split, such as `label_2`: from that folder on.
-# 6. other files: without the folders that stand above all files of the rules 2 to 5.
+# 3. KITTI-360: from `data_2d_raw` and the like on; a drive of its date, or a part of one, goes
+#    below the folder that its parts belong to; files of calibration go to `calibration`.
+# 4. odometry: `sequences/NN/...` and `poses/NN.txt`, in `dataset`; also `NN/velodyne` and the like.
+# 5. object and tracking: from `training`, `testing` or `ImageSets` on.
+# 6. folders of a split without the split, such as `label_2`: from that folder on.
+# 7. other files: without the folders that stand above all files of the rules 2 to 6.
 
 if TYPE_CHECKING:
     Parts = tuple[str, ...]
@@ -52,7 +54,16 @@ _IN_SPLIT = frozenset({
     *names.OBJECT_IMAGES, *names.TRACKING_IMAGES, names.SCANS, names.CALIB, names.OXTS,
     names.OBJECT_LABELS, names.TRACKING_LABELS,
 })  # fmt: skip
-_PARTS_OF_SETS = frozenset({*names.SPLITS, names.SEQUENCES, names.POSES})
+_IN_KITTI_360 = {
+    **dict.fromkeys(names.RAW_IMAGES, names.KITTI_360_PARTS[0]),
+    **dict.fromkeys((names.RAW_SCANS, 'sick_points'), names.KITTI_360_PARTS[1]),
+    **dict.fromkeys((names.RAW_OXTS, *names.KITTI_360_POSES), names.KITTI_360_PARTS[2]),
+}
+"""The part of KITTI-360 that a folder or file of a drive belongs to."""
+_KITTI_360_FOLDERS = frozenset({
+    *names.KITTI_360_PARTS, 'data_3d_bboxes', 'data_2d_semantics', 'data_3d_semantics',
+})  # fmt: skip
+_PARTS_OF_SETS = frozenset({*names.KITTI_360_PARTS, *names.SPLITS, names.SEQUENCES, names.POSES})
 
 
 def target_paths(files: Sequence[str], archive: str) -> list[str]:
@@ -99,7 +110,10 @@ def is_part_of_set(folder: str) -> bool:
 
 def is_top(folder: str) -> bool:
     """Return whether a folder is one that KITTI's archives have at their top."""
-    top_names = (*names.SPLITS, names.DATASET, names.IMAGE_SETS)
+    top_names = (
+        *names.SPLITS, names.DATASET, names.IMAGE_SETS, names.KITTI_360_CALIBRATION,
+        *_KITTI_360_FOLDERS,
+    )  # fmt: skip
     return folder in top_names or bool(
         _DEVKIT_NAME.fullmatch(folder) or names.RAW_DATE.fullmatch(folder)
     )
@@ -111,11 +125,26 @@ def _locate(parts: Parts, archive: str) -> tuple[int, Parts]:
     if devkit is not None:
         own = 1 if len(parts) > 1 and parts[0] in {'devkit', devkit[0]} else 0
         return own, (devkit[0], *parts[own:])
-    for rule in (_in_raw, _in_odometry, _in_splits):
+    for rule in (_in_kitti_360, _in_raw, _in_odometry, _in_splits):
         location = rule(parts, archive)
         if location is not None:
             return location
     return 0, ()
+
+
+def _in_kitti_360(parts: Parts, archive: str) -> tuple[int, Parts] | None:
+    drive = _RAW_NAME.match(archive)
+    for index, part in enumerate(parts):
+        if part in _KITTI_360_FOLDERS and index + 1 < len(parts):
+            return index, parts[index:]
+        if names.RAW_DRIVE.fullmatch(part) and part.startswith(names.KITTI_360_DATE):
+            folder = _IN_KITTI_360.get(parts[index + 1]) if index + 1 < len(parts) else None
+            return (index, (folder, *parts[index:])) if folder else None
+        if drive and drive[1].startswith(names.KITTI_360_DATE) and part in _IN_KITTI_360:
+            return index, (_IN_KITTI_360[part], f'{drive[1]}_sync', *parts[index:])
+    if parts[-1] in names.KITTI_360_CALIB or parts[-1] == 'calib_sick_to_velo.txt':
+        return len(parts) - 1, (names.KITTI_360_CALIBRATION, parts[-1])
+    return None
 
 
 def _in_raw(parts: Parts, archive: str) -> tuple[int, Parts] | None:
@@ -165,6 +194,7 @@ TAR = ('.tar', '.tgz', '.tbz2', '.txz', '.tar.gz', '.tar.bz2', '.tar.xz')
 OBJECT_CALIB = 'data_object_calib.zip'
 TRACKING_CALIB = 'data_tracking_calib.zip'
 ODOMETRY_CALIB = 'data_odometry_calib.zip'
+KITTI_360_CALIB = 'calibration.zip'
 
 _FIRST_ENTRIES = 20
 """Limit for a tar: further ones would have to be decompressed."""
@@ -311,4 +341,5 @@ _ARCHIVES: dict[Layout, Callable[[Path], tuple[str, str]]] = {
     Layout.OBJECT: lambda path: _of_split(OBJECT_CALIB, path),
     Layout.ODOMETRY: _odometry,
     Layout.TRACKING: lambda path: _of_split(TRACKING_CALIB, path),
+    Layout.KITTI_360: lambda _: (KITTI_360_CALIB, names.KITTI_360_CALIBRATION),
 }

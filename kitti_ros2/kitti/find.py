@@ -18,6 +18,8 @@ from .calib_file import (
     format_tracking,
     parse_raw_calibration,
 )
+from .kitti360 import Kitti360Recording, Kitti360Writer, drives_at, parse_kitti360_poses
+from .kitti360_calib import format_kitti360_calibration, parse_kitti360_calibration
 from .readers import ObjectRecording, OdometryRecording, RawRecording, TrackingRecording
 from .store import STORE, Listing
 from .text_file import parse_odometry_poses
@@ -94,6 +96,12 @@ def find_tracking(path: Path) -> list[Candidate]:
     return candidates
 
 
+def find_kitti360(path: Path) -> list[Candidate]:
+    """Find the drives of KITTI-360 at a path: the root's, or one in a folder of a part of it."""
+    root, drives = drives_at(path)
+    return [Candidate(name, None, partial(Kitti360Recording, root, name)) for name in drives]
+
+
 def _splits(path: Path) -> list[Path]:
     return [path / name for name in names.SPLITS if (path / name).is_dir()]
 
@@ -103,6 +111,8 @@ def _subfolders(path: Path, is_wanted: Callable[[Path], bool]) -> list[Path]:
 
 
 def _is_drive(path: Path) -> bool:
+    if path.parent.name in names.KITTI_360_PARTS:
+        return False
     folders = [path / name for name in (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)]
     return any(
         (folder / names.RAW_DATA).is_dir() or (folder / names.TIMESTAMPS).is_file()
@@ -203,6 +213,7 @@ def _is_sequence_name(name: str) -> bool:
 # - object: SPLIT and ImageSets
 # - odometry: sequences/NN and poses/NN.txt
 # - tracking: SPLIT/*/SSSS and SPLIT/*/SSSS.txt
+# - KITTI-360: PART/DRIVE of each part, and calibration
 #
 # A split of another name than training and testing becomes the root, since readers do not find it
 # below one.
@@ -317,6 +328,18 @@ def _(recording: TrackingRecording) -> RecordingTree:
     )
 
 
+@tree_of.register
+def _(recording: Kitti360Recording) -> RecordingTree:
+    root, name = recording.root, recording.name
+    of_drive = [root / part / name for part in names.KITTI_360_PARTS]
+    folders = [*of_drive, root / names.KITTI_360_CALIBRATION]
+    parts = tuple((path, _below_root(path, root)) for path in folders if path.is_dir())
+    drive = root / names.KITTI_360_PARTS[1] / name
+    scan_root = drive / names.RAW_SCANS
+    scans = _list_scans(recording, scan_root / names.RAW_DATA)
+    return RecordingTree(_below_root(drive, root), parts, scan_root, scans)
+
+
 def _list_scans(recording: KittiRecording, folder: Path, *suffixes: str) -> Listing:
     """List scans; unlike those of the recording, with those that cannot be used."""
     frames = recording.frames
@@ -397,6 +420,16 @@ LAYOUTS = {
             Stream.LABELS: names.TRACKING_LABELS,
         },
         format_calibration=lambda calibration: {'': format_tracking(calibration)},
+    ),
+    Layout.KITTI_360: LayoutFiles(
+        find=find_kitti360,
+        write=lambda root, name, _: Kitti360Writer(root, name),
+        line_folders={Stream.POSE: names.POSES},
+        stamps=names.TIMESTAMPS,
+        format_calibration=format_kitti360_calibration,
+        calibration_files=names.KITTI_360_CALIB,
+        parse_calibration=lambda texts, folder, _: parse_kitti360_calibration(texts, folder),
+        parse_poses=parse_kitti360_poses,
     ),
 }
 

@@ -54,6 +54,27 @@ CALIB_VELO_TO_CAM = 'calib_velo_to_cam.txt'
 CALIB_IMU_TO_VELO = 'calib_imu_to_velo.txt'
 RAW_CALIB = (CALIB_CAM_TO_CAM, CALIB_VELO_TO_CAM, CALIB_IMU_TO_VELO)
 
+KITTI_360_PARTS = ('data_2d_raw', 'data_3d_raw', 'data_poses')
+"""The folders of KITTI-360 with a folder a drive."""
+KITTI_360_IMAGES = (
+    ('image_00', 'data_rect'),
+    ('image_01', 'data_rect'),
+    ('image_02', 'data_rgb'),
+    ('image_03', 'data_rgb'),
+)
+"""By camera the folder in a drive, and that of the files in it."""
+KITTI_360_POSES = ('poses.txt', 'cam0_to_world.txt')
+KITTI_360_CALIBRATION = 'calibration'
+KITTI_360_FISHEYES = {2: 'image_02.yaml', 3: 'image_03.yaml'}
+KITTI_360_CALIB = (
+    'perspective.txt',
+    'calib_cam_to_pose.txt',
+    'calib_cam_to_velo.txt',
+    *KITTI_360_FISHEYES.values(),
+)
+KITTI_360_DATE = '2013_05_28'
+"""The date in the names of its drives."""
+
 SPLITS = ('training', 'testing')
 OBJECT_IMAGES = ('image_0', 'image_1', 'image_2', 'image_3', 'image_4')
 TRACKING_IMAGES = ('image_00', 'image_01', 'image_02', 'image_03')

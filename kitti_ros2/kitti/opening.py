@@ -335,7 +335,7 @@ def parts_of(source: Path, layout: Layout, sequence: str | None) -> list[Path]:
 
 # Data sets that --overwrite may replace: those of one recording, without files of others.
 
-_ENDINGS = (names.BIN, names.TXT, names.LABEL, '.xml')
+_ENDINGS = (names.BIN, names.TXT, names.LABEL, '.xml', '.yaml')
 
 
 def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
@@ -417,7 +417,8 @@ _MOST_ARCHIVES = 20
 _FOLDERS = frozenset({
     *names.SPLITS, *names.RAW_IMAGES, *names.OBJECT_IMAGES, names.RAW_SCANS, names.SCANS,
     names.OXTS, names.CALIB, *names.LABEL_FOLDERS, names.TRACKING_LABELS, names.SEQUENCES,
-    names.DATASET, names.POSES, names.POINT_LABELS, names.IMAGE_SETS,
+    names.DATASET, names.POSES, names.POINT_LABELS, names.IMAGE_SETS, *names.KITTI_360_PARTS,
+    names.KITTI_360_CALIBRATION, *(data for _, data in names.KITTI_360_IMAGES),
 })  # fmt: skip
 _FILES = ('.png', '.bin', '.txt', '.xml', '.label', '.jpg', '.jpeg')
 

@@ -197,12 +197,17 @@ class RecordingIndex:
                 raise BadFileError(listing.folder, problem, 'one name, or number, for a frame')
 
     def _add_stamped(
-        self, stream: Stream, listing: Listing, stamps: Lines[int], stamps_path: Path
+        self,
+        stream: Stream,
+        listing: Listing,
+        stamps: Lines[int],
+        stamps_path: Path,
+        first: int = 0,
     ) -> None:
-        """Add a stream with the stamps of a file, line n for file number n."""
+        """Add a stream with the stamps of a file, line n for file number n, from a first file."""
         numbers, lines = listing.numbers.tolist(), len(stamps)
         have = set(numbers)
-        absent = [number for number in range(lines) if number not in have]
+        absent = [number for number in range(first, lines) if number not in have]
         self._lose(
             stream,
             absent,

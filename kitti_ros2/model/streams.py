@@ -122,6 +122,7 @@ class LayoutTraits:
             are filled in.
         streams: The streams of the layout.
         cameras: The cameras of the main download; other folders of images may be absent.
+        main_camera: The camera of 2D labels, or else of views.
         camera_names: Camera index to its name in topics and frames.
         right_cameras: The right cameras of stereo pairs of rectified images; see samples.LEFT_OF.
         clock: The meaning of the stamps, NOMINAL for a layout without time.
@@ -141,6 +142,7 @@ class LayoutTraits:
         tracklets: Whether labels are tracklets of the whole recording, not lines of text.
         compensated_scans: Whether KITTI has compensated the scans for motion.
         point_labels: Whether the points of scans can have semantic labels.
+        from_others: Whether sets of the layout are made of bags of others.
     """
 
     title: str
@@ -148,6 +150,7 @@ class LayoutTraits:
     default_name: str
     streams: frozenset[Stream]
     cameras: tuple[int, ...] = (0, 1, 2, 3)
+    main_camera: int = 2
     camera_names: Mapping[int, str] = field(default_factory=lambda: CAMERA_NAMES)
     right_cameras: tuple[int, ...] = (1, 3)
     clock: Clock = Clock.NOMINAL
@@ -161,6 +164,7 @@ class LayoutTraits:
     tracklets: bool = False
     compensated_scans: bool = False
     point_labels: bool = False
+    from_others: bool = True
 
     @property
     def common_labels(self) -> bool:
@@ -176,6 +180,7 @@ class PngForm(str, Enum):
     """The forms of PNG files of equal pixels: that of KITTI's camera images, and others."""
 
     KITTI = 'kitti'
+    KITTI_360 = 'kitti360'
     FAST = 'fast'
 
 
@@ -186,6 +191,7 @@ class Layout(str, Enum):
     OBJECT = 'object'
     ODOMETRY = 'odometry'
     TRACKING = 'tracking'
+    KITTI_360 = 'kitti360'
 
     @property
     def traits(self) -> LayoutTraits:
@@ -233,6 +239,21 @@ _TRAITS = {
         cameras=(2, 3),
         line_streams=frozenset({Stream.OXTS, Stream.POSE, Stream.LABELS}),
         numbered_lines=frozenset({Stream.LABELS}),
+    ),
+    Layout.KITTI_360: LayoutTraits(
+        title='KITTI-360 drive',
+        noun='drive',
+        default_name='2013_05_28_drive_0000_sync',
+        streams=_COMMON_STREAMS | {Stream.POSE},
+        cameras=(0, 1),
+        main_camera=0,
+        camera_names={index: str(index) for index in range(4)},
+        right_cameras=(1,),
+        clock=Clock.UTC,
+        stamps_per_stream=True,
+        line_streams=frozenset({Stream.POSE}),
+        numbered_lines=frozenset({Stream.POSE}),
+        from_others=False,
     ),
 }
 

@@ -355,7 +355,7 @@ def _every_plan(
         MissingDataError: None is.
     """
     plans, errors = {}, []
-    for layout in Layout:
+    for layout in filter(lambda layout: layout.traits.from_others, Layout):
         try:
             plans[layout] = guess(bags, survey, replace(options, layout=layout)).plan
         except (MissingDataError, UsageError) as error:

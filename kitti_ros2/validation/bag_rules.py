@@ -325,6 +325,7 @@ _COEFFICIENTS = {
     'rational_polynomial': {0, 8, 12, 14},
     'equidistant': {0, 4},
     'fisheye': {0, 4},
+    'mei': {5},  # of KITTI-360's fisheyes, by to-bag
 }
 """Numbers of D by distortion model (sensor_msgs/distortion_models.hpp, and OpenCV)."""
 _PARALLEL_RAD = 1e-5

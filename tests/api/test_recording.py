@@ -116,15 +116,16 @@ def test_a_stream_that_the_frame_does_not_have_is_an_error(recordings, tmp_path)
 
 def test_arrays_are_as_documented(recording_path):
     frame = kitti_ros2.open(recording_path)[0]
+    camera = open_recording(recording_path).layout.traits.main_camera
     assert frame.points.dtype == np.float32
     assert frame.points.shape[1:] == (4,)
     assert frame.points.flags.writeable
     assert frame.points.flags.c_contiguous
-    image = frame.image(2)
+    image = frame.image(camera)
     assert image.dtype == np.uint8
     assert image.flags.writeable
     assert image.flags.c_contiguous
-    whole = cv2.imdecode(np.frombuffer(frame.png(2), np.uint8), cv2.IMREAD_COLOR)
+    whole = cv2.imdecode(np.frombuffer(frame.png(camera), np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_array_equal(image, cv2.cvtColor(whole, cv2.COLOR_BGR2RGB))
 
 

@@ -30,7 +30,7 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.errors import one_line as as_shown
-from kitti_ros2.model.streams import Layout
+from kitti_ros2.model.streams import Clock, Layout
 from kitti_ros2.options.declare import parse_bytes
 from kitti_ros2.options.outputs import BagOptions
 from kitti_ros2.options.table import TO_BAG_OPTIONS, make_settings
@@ -90,7 +90,7 @@ def test_strict_leaves_nothing(drive, tmp_path, capsys):
         ),
         (
             ['to-bag', '{raw}', '{tmp}/o.mcap', '--layout', 'nuscenes'],
-            'raw, object, odometry or tracking',
+            'raw, object, odometry, tracking or kitti360',
         ),
         (['to-bag', '{raw}', '{tmp}/o.mcap', '--storage', 'sqlite3'], '.mcap means storage mcap'),
         (['to-bag', '{raw}', '{tmp}/o.bag', '--compression', 'zstd'], 'none, lz4 or bz2'),
@@ -311,7 +311,7 @@ def test_frames_are_counted_alike_by_all_commands(recordings, tmp_path, capsys, 
     main(['to-bag', str(source), str(bag)])
     said = capsys.readouterr().out
     assert f', {frames} frames' in said
-    assert ('of recording' in said) == (layout in (Layout.RAW, Layout.ODOMETRY))
+    assert ('of recording' in said) == (layout.traits.clock is not Clock.NOMINAL)
     main(['to-kitti', str(bag), str(back)])
     assert f', {frames} frames,' in capsys.readouterr().out
     for path in (source, bag):

@@ -27,6 +27,10 @@ PART = {
     Layout.OBJECT: ('training/image_2', 'training/velodyne/000003.bin'),
     Layout.ODOMETRY: ('sequences/00/velodyne', 'sequences/00/image_2/000003.png'),
     Layout.TRACKING: ('training/label_02', 'training/image_02/0000/000003.png'),
+    Layout.KITTI_360: (
+        'data_2d_raw/2013_05_28_drive_0000_sync/image_00/data_rect',
+        'data_2d_raw/2013_05_28_drive_0000_sync/image_01/data_rect/0000000003.png',
+    ),
 }
 """By layout a folder and a file inside a data set."""
 GIVEN = {
@@ -34,6 +38,7 @@ GIVEN = {
     Layout.OBJECT: 'training',
     Layout.ODOMETRY: 'sequences/00',
     Layout.TRACKING: 'training',
+    Layout.KITTI_360: 'data_2d_raw/2013_05_28_drive_0000_sync',
 }
 """By layout what is to be given instead."""
 
@@ -114,9 +119,9 @@ def test_the_folder_above(recordings, tmp_path, capsys, words):
     for layout, path in recordings.items():
         (src / layout.value).symlink_to(path.parents[1] if layout is Layout.RAW else path)
     line = complain(words.format(src=src, tmp=tmp_path).split(), capsys)
-    assert f'{src}: holds 4 data sets, {src}/object (object), {src}/odometry (odometry), ' in line
-    assert 'and 1 more; give one of these folders' in line
-    assert command_in(line)[1] == f'{src}/object'
+    assert f'{src}: holds 5 data sets, {src}/kitti360 (kitti360), {src}/object (object), ' in line
+    assert 'and 2 more; give one of these folders' in line
+    assert command_in(line)[1] == f'{src}/kitti360'
 
 
 @pytest.mark.parametrize('command', ['to-bag', 'info', 'validate', 'to-kitti', 'recover'])
@@ -345,7 +350,7 @@ def test_a_sequence_that_is_not_there(several, capsys, layout, asked, said):
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        ('info {object} --layout rwa', 'tracking, not \'rwa\'; did you mean raw?'),
+        ('info {object} --layout rwa', 'kitti360, not \'rwa\'; did you mean raw?'),
         ('to-bag {object} {tmp}/o --layout Raw', 'did you mean raw?'),
         ('demo {tmp}/d --layout odom', 'did you mean odometry?'),
         ('to-kitti {bag} {tmp}/o --layout objects', 'did you mean object?'),

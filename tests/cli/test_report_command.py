@@ -109,7 +109,10 @@ def test_pages_are_replaced_on_demand_and_nothing_else_ever(recordings, tmp_path
         (['report'], 'usage: kitti-ros2 report SRC'),
         (['report', '{tmp}/absent'], 'no such file or folder'),
         (['report', '{tmp}'], 'the folder is empty'),
-        (['report', '{raw}', '--layout', 'nuscenes'], 'raw, object, odometry or tracking'),
+        (
+            ['report', '{raw}', '--layout', 'nuscenes'],
+            'raw, object, odometry, tracking or kitti360',
+        ),
         (['report', '{raw}', '--sequence', '77'], "no sequence '77'"),
     ],
 )

@@ -80,11 +80,12 @@ def test_a_folder_of_many_has_a_row_for_each_and_for_all(all_recordings, capsys)
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines()[1:])) <= 80
     rows = table_in(text, 'recording')
-    assert len(rows) == 5
+    assert len(rows) == len(Layout) + 1
     frames = [int(cells[0]) for cells in rows.values()]
-    assert sum(frames[:-1]) == frames[-1] == 20
+    assert sum(frames[:-1]) == frames[-1] == 25
     assert [*rows][-1] == 'all'
-    assert f'{root}: raw, object, odometry, tracking, 4 recordings, 20 frames' in text
+    layouts = 'raw, kitti360, object, odometry, tracking'
+    assert f'{root}: {layouts}, 5 recordings, 25 frames' in text
 
 
 def test_several_sets_are_columns(recordings, capsys):
@@ -124,8 +125,8 @@ def test_json_and_csv_have_all_figures(all_recordings, tmp_path, capsys):
     table = tmp_path / 'stats.csv'
     assert main(['stats', str(root), '--count-points', '--json', '--csv', str(table)]) == 0
     (found,) = json.loads(capsys.readouterr().out)['sets']
-    assert len(found['recordings']) == 4
-    assert found['total']['frames'] == 20
+    assert len(found['recordings']) == len(Layout)
+    assert found['total']['frames'] == 25
     with table.open(newline='') as file:
         rows = [*csv.DictReader(file)]
     assert {row['recording'] for row in rows} == {'', *(p['name'] for p in found['recordings'])}
@@ -134,7 +135,7 @@ def test_json_and_csv_have_all_figures(all_recordings, tmp_path, capsys):
         for row in rows
         if not row['recording']
     }
-    assert figures['recording', '', 'frames'] == '20'
+    assert figures['recording', '', 'frames'] == '25'
     for name, each in found['total']['classes'].items():
         assert figures['classes', name, 'count'] == str(each['count'])
         assert figures['classes', name, 'difficulty easy'] == str(each['difficulty']['easy'])
@@ -144,7 +145,7 @@ def test_json_and_csv_have_all_figures(all_recordings, tmp_path, capsys):
             assert sum(bins.values()) == each['points']['count']
             assert figures['classes', name, 'points 1-5'] == str(bins['1-5'])
     assert float(figures['route', '', 'length_m']) == found['total']['route']['length_m']
-    assert figures['samples', 'scan', 'count'] == '20'
+    assert figures['samples', 'scan', 'count'] == '25'
 
 
 def test_losses_are_listed_and_the_rest_is_counted(tmp_path, capsys):
@@ -195,7 +196,7 @@ def test_points_without_scans_are_a_note(capsys, tmp_path):
         (['stats', '{tmp}/file.txt'], 'expected'),
         (['stats', '{raw}', '--sequence', '77'], "no sequence '77'"),
         (['stats', '{raw}', '--layout', 'tracking'], 'it is layout raw'),
-        (['stats', '{raw}', '--layout', 'nuscenes'], 'raw, object, odometry or tracking'),
+        (['stats', '{raw}', '--layout', 'nuscenes'], 'raw, object, odometry, tracking or kitti360'),
         (['stats', '{raw}', '-o', '{tmp}/o.jpg'], 'ends in .png, .pdf or .svg'),
         (['stats', '{raw}', '--csv', '{tmp}/file.txt'], 'exists already'),
         (['stats', '{raw}', '--csv', '{tmp}/file.txt', '--overwrite'], 'it is no table'),

@@ -20,7 +20,7 @@ from scans import files, spans
 import kitti_ros2
 from kitti_ros2.cli import main
 from kitti_ros2.datasets import crop
-from kitti_ros2.kitti.names import parse_drive
+from kitti_ros2.kitti.names import RAW_SCANS, parse_drive
 from kitti_ros2.kitti.opening import open_recording, open_recordings
 from kitti_ros2.kitti.scan_grid import compensated, on_grid
 from kitti_ros2.model.boxes import DONT_CARE
@@ -35,6 +35,7 @@ SCAN = {
     Layout.OBJECT: 'training/velodyne/{:06d}.bin',
     Layout.ODOMETRY: 'sequences/00/velodyne/{:06d}.bin',
     Layout.TRACKING: 'training/velodyne/0000/{:06d}.bin',
+    Layout.KITTI_360: 'data_3d_raw/2013_05_28_drive_0000_sync/velodyne_points/data/{:010d}.bin',
 }
 """By layout the file of a scan below the root."""
 AHEAD = [0, -5, -3, 30, 5, 2]
@@ -109,10 +110,11 @@ def test_a_cut_changes_the_scans_and_nothing_else(holed, layout, tmp_path):
 @pytest.mark.parametrize('rule', ['reference', 'reduced'])
 def test_a_view_is_that_of_the_frame(rule, recordings, layout, tmp_path):
     source = recordings[layout]
-    cut(source, tmp_path / 'out', view=rule, camera=2 if rule == 'reduced' else 3)
+    camera = layout.traits.main_camera + (rule == 'reference')
+    cut(source, tmp_path / 'out', view=rule, camera=camera)
     recording = open_recording(source)
     for number in recording.streams[Stream.SCAN].numbers.tolist():
-        u, v, depth = project(recording, number, 2 if rule == 'reduced' else 3)
+        u, v, depth = project(recording, number, camera)
         width, height = SMALL.image_size
         points = recording.read(Stream.SCAN, number).points
         if rule == 'reduced':
@@ -333,7 +335,7 @@ def test_scans_beside_the_unchanged_ones(holed, layout, tmp_path):
         files(each) for each in (root_of(holed, layout), tmp_path / 'out', tmp_path / 'other')
     )
     assert source.items() <= made.items()
-    own = 'velodyne_points' if layout is Layout.RAW else 'velodyne'
+    own = 'velodyne_points' if f'/{RAW_SCANS}/' in SCAN[layout] else 'velodyne'
     beside = {name: data for name, data in other.items() if f'/{own}/' in name}
     assert {name: made[name] for name in made.keys() - source.keys()} == {
         name.replace(own, 'velodyne_reduced'): data for name, data in beside.items()

@@ -20,7 +20,8 @@ def holed(request, recordings, tmp_path):
 
 def test_stamps_of_every_sensor_are_those_of_their_frame(holed):
     frames = frames_of(holed)
-    for stream in (Stream.SCAN, Stream.IMAGE_2):
+    image = Stream(f'image_{holed.layout.traits.main_camera}')
+    for stream in (Stream.SCAN, image):
         index = holed.streams[stream]
         for number, stamp in zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True):
             assert frames.nearest(stamp) == (number, 0)

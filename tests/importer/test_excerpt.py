@@ -7,7 +7,7 @@ from __future__ import annotations
 import foreign
 import numpy as np
 import pytest
-from builders import files_of
+from builders import OF_OTHERS, files_of
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.importer.apply_plan import convert_by_plan, guess
@@ -65,7 +65,7 @@ def test_the_first_the_middle_and_the_last_whole_frame_are_chosen(samples, numbe
         assert chosen.samples[stream].tolist() == places[numbers].tolist()
 
 
-@pytest.mark.parametrize('layout', Layout)
+@pytest.mark.parametrize('layout', OF_OTHERS)
 def test_its_files_are_those_of_the_whole_conversion(layout, bag, tmp_path):
     options = ImportOptions(layout=layout)
     survey = survey_bags([bag])

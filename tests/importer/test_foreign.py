@@ -11,6 +11,7 @@ import cv2
 import foreign
 import numpy as np
 import pytest
+from builders import OF_OTHERS
 
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.bags.writer import open_bag
@@ -54,7 +55,7 @@ def convert(bag, out, layout, change=lambda plan: plan, **options):
     return convert_by_plan([bag], plan, survey, out, chosen)
 
 
-@pytest.fixture(scope='module', params=list(Layout), ids=[layout.value for layout in Layout])
+@pytest.fixture(scope='module', params=OF_OTHERS, ids=[layout.value for layout in OF_OTHERS])
 def made(request, bag, tmp_path_factory):
     """(report, recording) in one layout after the other."""
     out = tmp_path_factory.mktemp('made') / 'out'

@@ -70,7 +70,10 @@ def test_whole_numbers_are_numbers_where_fractions_are_expected():
         ('', 'is not a plan'),
         ('- 1', 'is not a plan'),
         ('a: [', 'is not valid YAML'),
-        ('layout: nuscenes', "layout: 'nuscenes'; expected raw or object or odometry or tracking"),
+        (
+            'layout: nuscenes',
+            "layout: 'nuscenes'; expected raw or object or odometry or tracking or kitti360",
+        ),
         ('layout: object', 'missing name, reference, tolerance_s'),
         (LEAST.replace('training', '0'), 'name: 0; expected a text (quote numbers)'),
         (LEAST.replace('0.05', 'soon'), "tolerance_s: 'soon'; expected a number"),

@@ -22,6 +22,7 @@ WHERE = {
     'data_object_calib.zip {root})',
     Layout.TRACKING: 'own data (kitti-ros2 extract data_tracking_calib.zip {root})',
     Layout.ODOMETRY: 'own data (kitti-ros2 extract data_odometry_calib.zip {root})',
+    Layout.KITTI_360: 'own data (kitti-ros2 extract calibration.zip {root})',
 }  # fmt: skip
 
 
@@ -31,7 +32,7 @@ def test_a_recording_without_calibration(recordings, tmp_path, layout):
     root = tmp_path / 'set'
     copy = root / whole.name if layout is Layout.RAW else root
     shutil.copytree(whole, copy)
-    for path in [*copy.rglob('calib*.txt'), *copy.glob('*/calib')]:
+    for path in [*copy.rglob('calib*.txt'), *copy.glob('*/calib'), *copy.glob('calibration')]:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     recording = open_recording(copy)
     missing = recording.calibration(0).missing.values()
@@ -39,7 +40,7 @@ def test_a_recording_without_calibration(recordings, tmp_path, layout):
     report = convert_recording(copy, tmp_path / 'o.mcap')
     own = [loss.message for loss in report.losses if loss.stream == 'calibration']
     # One line for each file, not for each frame.
-    assert len(own) == (3 if layout is Layout.RAW else 1)
+    assert len(own) == (3 if layout in {Layout.RAW, Layout.KITTI_360} else 1)
 
 
 def test_one_missing_file_of_an_object_set_is_named(recordings, tmp_path):
@@ -82,7 +83,7 @@ def test_where_it_goes(layout, path, said):
         ('2011_10_03', '2011_10_03_drive_0027_sync', 'has it (kitti-ros2 extract '),
         ('2011_09_30', 'my_drive', '2011_09_30_calib.zip has it'),
         ('mine', 'my_drive', 'the drive needs the calibration of its own day'),
-        ('data_3d_raw', '2013_05_28_drive_0000_sync', '2013_05_28, which is no day of KITTI'),
+        ('mine', '2013_05_28_drive_0000_sync', '2013_05_28, which is no day of KITTI'),
     ],
 )  # fmt: skip
 def test_the_archive_is_that_of_the_drives_own_day(tmp_path, folder, drive, said):

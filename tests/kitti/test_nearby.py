@@ -100,9 +100,9 @@ def test_the_folder_above_lists_what_is_below(recordings, tmp_path):
         (tmp_path / 'data' / layout.value).symlink_to(path)
     error = explain(tmp_path)
     data = tmp_path / 'data'
-    assert f'holds 4 data sets, {data}/object (object), {data}/odometry (odometry)' in str(error)
-    assert '1 more; give one of these folders' in str(error)
-    assert [each.source for each in error.remedies] == [data / 'object']
+    assert f'holds 5 data sets, {data}/kitti360 (kitti360), {data}/object (object)' in str(error)
+    assert '2 more; give one of these folders' in str(error)
+    assert [each.source for each in error.remedies] == [data / 'kitti360']
     assert {each.layout for each in data_sets_below(tmp_path)[0]} == set(Layout)
 
 

@@ -27,7 +27,7 @@ from kitti_ros2.model.bag_formats import STRING, Channel
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.outputs import BagOptions
 
-from builders import files_of  # isort: skip
+from builders import OF_OTHERS, files_of  # isort: skip
 from mapped_set import make_mapped_set  # isort: skip
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Cut:
     lost: str = ''
 
 
-CALIB = r'calib\w*\.txt|calib/\d+\.txt'
+CALIB = r'calib\w*\.txt|calib/\d+\.txt|calibration/'
 OTHER_TEXTS = r'tracklet_labels\.xml|dataformat\.txt|ImageSets/|poses/'
 CUTS = {
     'latest latched': Cut(latest_latched),
@@ -293,7 +293,7 @@ def test_frames_of_a_part_keep_their_numbers(whole, back, tmp_path):
     assert names == [f'sequences/00/velodyne/00000{number}.bin' for number in (2, 3, 4)]
 
 
-@pytest.mark.parametrize('layout', LAYOUTS)
+@pytest.mark.parametrize('layout', [layout.value for layout in OF_OTHERS])
 def test_without_the_description_a_plan_takes_over_and_says_so(layout, whole, tmp_path, capsys):
     """And without any source: the images and scans are KITTI's, numbered from 0."""
     bag, true = whole(layout)

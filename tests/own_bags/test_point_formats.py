@@ -28,12 +28,6 @@ if TYPE_CHECKING:
 CLOUDS = '/kitti/velo/points'
 LOSSY = [each for each in Points if FORMATS[each].loss]
 ENDINGS = ('.mcap', '', '.bag')
-SCANS = {
-    Layout.RAW: 'velodyne_points/data/0000000003.bin',
-    Layout.OBJECT: 'training/velodyne/000000.bin',
-    Layout.ODOMETRY: 'sequences/00/velodyne/000002.bin',
-    Layout.TRACKING: 'training/velodyne/0000/000000.bin',
-}
 
 
 def run(*words: object) -> int:
@@ -66,7 +60,7 @@ def holed(request, recordings, tmp_path):
     folder = data_set_of(recordings[request.param])
     shutil.copytree(folder, tmp_path / 'set')
     source = tmp_path / 'set' / recordings[request.param].relative_to(folder)
-    (source / SCANS[request.param]).unlink()
+    open_recording(source).path(Stream.SCAN, 3).unlink()
     return request.param, source
 
 

@@ -63,7 +63,8 @@ def test_parameters_are_described_with_their_ranges():
     assert rate.floating_point_range[0].to_value == 100.0
     assert described['step'].integer_range[0].to_value == 10_000
     assert described['period'].read_only
-    words = 'Layout of the KITTI folder: raw or object or odometry or tracking; empty: detected'
+    layouts = 'raw or object or odometry or tracking or kitti360'
+    words = f'Layout of the KITTI folder: {layouts}; empty: detected'
     assert described['layout'].description == words
 
 

@@ -299,7 +299,7 @@ class TestWhileItLoops:
             ('position', '"soon"', 'invalid start or end'),
             ('source', '"/nowhere"', '/nowhere: no such file or folder'),
             ('source', '""', 'SRC is missing'),
-            ('layout', '"round"', 'layout takes raw, object, odometry or tracking'),
+            ('layout', '"round"', 'layout takes raw, object, odometry, tracking or kitti360'),
             ('clock', 10.0, 'read-only'),
         ],
     )

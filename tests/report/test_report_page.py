@@ -116,6 +116,7 @@ def test_clocks(recordings):
         Layout.ODOMETRY: Clock.RELATIVE,
         Layout.OBJECT: Clock.NOMINAL,
         Layout.TRACKING: Clock.NOMINAL,
+        Layout.KITTI_360: Clock.UTC,
     }
 
 

@@ -1,0 +1,349 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI-360: its folders, found, read and written; its calibration is in kitti360_calib.
+
+    calibration/
+    data_2d_raw/DRIVE/image_00 and image_01/{data_rect/%010d.png,timestamps.txt}
+    data_2d_raw/DRIVE/image_02 and image_03/{data_rgb/%010d.png,timestamps.txt}
+    data_3d_raw/DRIVE/velodyne_points/{data/%010d.bin,timestamps.txt}
+    data_poses/DRIVE/{poses.txt,cam0_to_world.txt}
+
+A number is the same time in all streams, at 9.57 Hz. Scans are as measured, not compensated for
+motion; there are no files of the starts and ends of turns.
+
+Poses are listed by frame number, and only for frames before which the car moved: never for frame 0,
+and not for all others. poses.txt is the GPS/IMU (x forward, y right, z down) in a world of x east,
+y north, z up; cam0_to_world.txt is the *rectified* camera 0, with fewer digits. Source: KITTI-360's
+documentation, its authors' scripts, and the files of 11 drives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import numpy as np
+
+from ..model.errors import BadFileError, describe_error, format_count, runs_of
+from ..model.geometry import Transform
+from ..model.samples import Pose, TextFile
+from ..model.streams import Clock, Layout, Stream
+from . import names
+from .archives import describe_source
+from .kitti360_calib import UPRIGHT, format_kitti360_calibration, parse_kitti360_calibration
+from .kitti_recording import KittiRecording, no_calibration, rect_from_imu
+from .names import (
+    KITTI_360_CALIB,
+    KITTI_360_CALIBRATION,
+    KITTI_360_IMAGES,
+    KITTI_360_PARTS,
+    KITTI_360_POSES,
+)
+from .scan_file import format_scan
+from .store import STORE, cached_listings
+from .text_file import (
+    Lines,
+    NumberedPoses,
+    format_timestamps,
+    parse_lines,
+    parse_numbers,
+    parse_timestamps,
+)
+from .writers import LayoutWriter, fill_stamps
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from ..model.geometry import Float64Array
+    from ..model.samples import Calibration, Scan
+    from ..options.read import ReadOptions
+
+DATA_2D, DATA_3D, DATA_POSES = KITTI_360_PARTS
+POSES, CAM0_TO_WORLD = KITTI_360_POSES
+_POSE_COLUMNS = (13, 17)
+_NOT_READ = ('data_3d_bboxes', 'data_2d_semantics', 'data_3d_semantics')
+
+RENAMED = ('2013_05_28_drive_0002_sync', 4391)
+"""The drive whose first images and scans are those of drive 0018, and its first frame with files.
+
+Its time stamps and poses begin at frame 0. Source: kitti360Scripts, issues 92 and 138.
+"""
+
+
+class _StreamFolder(NamedTuple):
+    """The folder of a stream, its sub-folder of files, and their suffixes."""
+
+    path: Path
+    data: str
+    suffixes: tuple[str, ...]
+
+
+def drives_at(path: Path) -> tuple[Path, list[str]]:
+    """Return the root of a set, and the drives at a path: the root, a part of it, or a drive."""
+    is_drive = path.parent.name in KITTI_360_PARTS and names.RAW_DRIVE.fullmatch(path.name)
+    if is_drive:
+        return path.parent.parent, [path.name]
+    root = path.parent if path.name in KITTI_360_PARTS else path
+    drives = {name for part in KITTI_360_PARTS for name in STORE.names(root / part)}
+    return root, sorted(filter(names.RAW_DRIVE.fullmatch, drives))
+
+
+class Kitti360Recording(KittiRecording):
+    """One drive of KITTI-360."""
+
+    layout = Layout.KITTI_360
+
+    @cached_listings()
+    def __init__(self, root: Path, name: str, options: ReadOptions) -> None:
+        super().__init__(root, name, options)
+        images, scans = root / DATA_2D / name, root / DATA_3D / name
+        self._folders = {
+            Stream.SCAN: _StreamFolder(scans / names.RAW_SCANS, names.RAW_DATA, (names.BIN,))
+        } | {
+            Stream(f'image_{index}'): _StreamFolder(images / folder, data, names.IMAGE_SUFFIXES)
+            for index, (folder, data) in enumerate(KITTI_360_IMAGES)
+        }
+        data = {folder.path / folder.data: folder.suffixes for folder in self._folders.values()}
+        self._name_frames(data, names.RAW_DIGITS)
+        self.clock = Clock.UTC if self._stamps else Clock.NOMINAL
+        for stream in self._folders:
+            self._add_folder(stream)
+        self._require_common_names()
+        self._add_turns()
+        self._add_poses()
+        if not self._stamps and self.streams:
+            self._find_gaps(self._folders)
+            self.notes.append(f'{name}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
+        others = [root / part for part in _NOT_READ] + [scans / 'sick_points', self._drive / 'oxts']
+        self.notes += [f'{path}: not converted' for path in others if path.is_dir()]
+
+    @cached_property
+    def _stamps(self) -> dict[Stream, Lines[int]]:
+        """The stamps of the streams that have a file of them."""
+        paths = {stream: self._stamps_path(stream) for stream in self._folders}
+        return {
+            stream: self._parsed(path, stream, parse_timestamps)
+            for stream, path in paths.items()
+            if path.is_file()
+        }
+
+    @property
+    def _stamped(self) -> Stream:
+        """The stream whose stamps others take: the first one whose file has any."""
+        return max(self._stamps, key=lambda stream: any(self._stamps[stream].values))
+
+    def _stamps_path(self, stream: Stream) -> Path:
+        return self._folders[stream].path / names.TIMESTAMPS
+
+    @property
+    def _drive(self) -> Path:
+        return self.root / DATA_POSES / self.name
+
+    def _add_folder(self, stream: Stream) -> None:
+        folder, data, suffixes = self._folders[stream]
+        if not folder.is_dir():
+            if stream.camera in (None, *self.layout.traits.cameras):
+                self.notes.append(f'{folder}: absent, {stream.value} is left out')
+            return
+        listing = self._list(folder / data, suffixes)
+        if not len(listing.numbers) and not listing.strays:
+            self.notes.append(f'{folder / data}: absent or empty, {stream.value} is left out')
+            return
+        if not self._stamps:
+            self._add_nominal(stream, listing.numbers, listing)
+            return
+        of = stream if stream in self._stamps else self._stamped
+        if of is not stream:
+            self.notes.append(f'{folder}: no {names.TIMESTAMPS}; stamped as {of.value}')
+        lines, first = self._stamps[of], 0
+        if self.name == RENAMED[0] and min(listing.numbers, default=0) >= RENAMED[1]:
+            first = RENAMED[1]
+            self.notes.append(f'{folder}: the files of frames 0 to {first - 1} are in drive 0018')
+        if of is not stream:
+            first = len(lines)  # of the stream itself no file lists frames
+        self._add_stamped(stream, listing, lines, self._stamps_path(of), first)
+
+    @cached_property
+    def _poses_path(self) -> Path:
+        """poses.txt, or else cam0_to_world.txt, which has fewer digits."""
+        paths = (self._drive / POSES, self._drive / CAM0_TO_WORLD)
+        return next((path for path in paths if path.is_file()), paths[0])
+
+    @cached_property
+    def _poses(self) -> dict[int, Float64Array]:
+        """The (3, 4) matrices of the file by frame."""
+        lines, numbers = self._parsed(self._poses_path, Stream.POSE, parse_kitti360_poses)
+        for error in lines.errors.values():
+            self._lose_lines(Stream.POSE, str(error))
+        return dict(sorted((numbers[line], matrix) for line, matrix in lines.sound().items()))
+
+    def _add_poses(self) -> None:
+        numbers, path = [*self._poses], self._poses_path
+        if not numbers:
+            self.notes.append(f'{path}: absent or empty, pose is left out')
+            return
+        if path.name == CAM0_TO_WORLD:
+            self.notes.append(f'{path}: read without {POSES}, which has more digits')
+        self.notes.append(f'{path}: {_describe_holes(numbers)}')
+        if not self._stamps:
+            self._add_nominal(Stream.POSE, np.array(numbers, dtype=np.int64), None)
+            return
+        of = self._stamped
+        for stream in list(self._stamps)[: list(self._stamps).index(of)]:
+            path = self._stamps_path(stream)
+            self._lose_lines(Stream.POSE, f'{path}: no stamp; poses are stamped as {of.value}')
+        beyond = self._add_at(Stream.POSE, numbers, self._stamps[of].values)
+        self._lose(
+            Stream.POSE, beyond, f'{self._stamps_path(of)}: no stamp for the poses of frames {{}}'
+        )
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        folder = self.root / KITTI_360_CALIBRATION
+        texts, missing = {}, {}
+        try:
+            present = [name for name in STORE.names(folder) if name in KITTI_360_CALIB]
+        except OSError as error:
+            self._lose_late(Stream.CALIBRATION, describe_error(error))
+            return no_calibration(describe_error(error))
+        for name in present:
+            try:
+                texts[name] = STORE.read_text(folder / name)
+            except (BadFileError, OSError) as error:
+                missing[name] = describe_error(error)
+                self._lose_late(Stream.CALIBRATION, missing[name])
+        source = describe_source(self.layout, folder)
+        parsed = parse_kitti360_calibration(texts, folder, source=source)
+        files = tuple(
+            TextFile(f'{KITTI_360_CALIBRATION}/{file.name}', file.text) for file in parsed.files
+        )
+        return replace(parsed, files=files, missing={**parsed.missing, **missing})
+
+    def text_paths(self) -> list[Path]:
+        """List the time stamps, those of the poses first, and the poses."""
+        stamps = [self._stamps_path(stream) for stream in self._folders]
+        poses = [self._drive / POSES, self._drive / CAM0_TO_WORLD]
+        return [path for path in (*stamps, *poses) if path.is_file()]
+
+    def _pose(self, number: int) -> Pose:
+        pose = Transform.from_matrix(self._poses[number])
+        if self._poses_path.name == CAM0_TO_WORLD:
+            return Pose(pose @ rect_from_imu(self._calibration))
+        return Pose(pose @ UPRIGHT)
+
+    def path(self, stream: Stream, number: int) -> Path:
+        """Return the file that a sample is read from."""
+        if stream is Stream.CALIBRATION:
+            return self.root / KITTI_360_CALIBRATION
+        return self._poses_path if stream is Stream.POSE else super().path(stream, number)
+
+
+def _describe_holes(numbers: list[int]) -> str:
+    """Describe the frames with a pose, of which not all are there."""
+    runs = runs_of(numbers)
+    without = numbers[-1] - numbers[0] + 1 - len(numbers)
+    widest = max((after[0] - run[1] for run, after in pairwise(runs)), default=1)
+    there = f'{format_count(len(numbers), "pose")} of frames {numbers[0]} to {numbers[-1]}'
+    if not without:
+        return there
+    return f'{there}, {without} between them have none, up to {widest - 1} in a row'
+
+
+def parse_kitti360_poses(text: str, path: Path | str) -> NumberedPoses:
+    """Parse poses.txt (12 numbers after the frame) or cam0_to_world.txt (16, a (4, 4) matrix)."""
+    expected = 'a frame number and 12 or 16 numbers, a pose matrix'
+    rows = parse_lines(text, path, expected, _parse_pose)
+    numbers: list[int] = []
+    matrices: list[Float64Array | None] = []
+    errors, seen = dict(rows.errors), set[int]()
+    for line, row in enumerate(rows.values):
+        number, matrix = (-1, None) if row is None else row
+        if matrix is not None and number in seen:
+            errors[line] = BadFileError(path, f'frame {number} again', expected, line=line + 1)
+            matrix = None
+        seen.add(number)
+        numbers.append(number)
+        matrices.append(matrix)
+    return NumberedPoses(Lines(matrices, dict(sorted(errors.items()))), numbers)
+
+
+def _parse_pose(line: str) -> tuple[int, Float64Array]:
+    words = line.split()
+    if len(words) not in _POSE_COLUMNS:
+        raise ValueError(f'{len(words)} values')
+    number = names.number_of(words[0])
+    if number is None:
+        raise ValueError(f'{words[0]!r} is no frame number')
+    matrix = np.array(parse_numbers(words[1:], len(words) - 1)).reshape(-1, 4)
+    if (matrix[3:] != (0, 0, 0, 1)).any():
+        raise ValueError('the last row is not 0 0 0 1')
+    return number, matrix[:3]
+
+
+class Kitti360Writer(LayoutWriter):
+    """Writes one drive; of its cameras the rectified ones, as others have no such fisheyes.
+
+    Args:
+        root: The folder above calibration, data_2d_raw and others.
+        name: The drive.
+    """
+
+    layout: ClassVar[Layout] = Layout.KITTI_360
+
+    def __init__(self, root: Path, name: str) -> None:
+        names.parse_drive(name)
+        self.path = root
+        self._name = name
+        self._calibration: Calibration | None = None
+        self._stamps: dict[Path, dict[int, int]] = {}
+        self._poses: dict[int, Float64Array] = {}
+
+    @property
+    def accepts(self) -> frozenset[Stream]:
+        """The streams of the layout without the fisheyes."""
+        return self.layout.traits.streams - {Stream.IMAGE_2, Stream.IMAGE_3}
+
+    def write_calibration(self, number: int, calibration: Calibration) -> None:
+        """Write the files of the calibration; the last is kept."""
+        self._calibration = calibration
+        self.write_calibration_text(number, format_kitti360_calibration(calibration))
+
+    def write_calibration_text(self, number: int, texts: Mapping[str, str]) -> None:  # noqa: ARG002
+        """Write calibration files verbatim, by file name."""
+        for name, text in texts.items():
+            STORE.write_text(self.path / KITTI_360_CALIBRATION / name, text)
+
+    def write_scan(self, number: int, stamp_ns: int, scan: Scan) -> None:
+        """Write a sweep; the layout has no place for its start and end."""
+        folder = self.path / DATA_3D / self._name / names.RAW_SCANS
+        file = names.file_name(number, names.RAW_DIGITS, names.BIN)
+        STORE.write(folder / names.RAW_DATA / file, format_scan(scan.points))
+        self._stamps.setdefault(folder, {})[number] = stamp_ns
+
+    def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
+        """Write an image of a rectified camera."""
+        self._check_camera(camera)
+        image, data = KITTI_360_IMAGES[camera]
+        folder = self.path / DATA_2D / self._name / image
+        STORE.write(folder / data / names.file_name(number, names.RAW_DIGITS, names.PNG), png)
+        self._stamps.setdefault(folder, {})[number] = stamp_ns
+
+    def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:  # noqa: ARG002
+        """Write a line of poses.txt; the world is imu_link at the first pose."""
+        self._poses[number] = first_T_cam0
+
+    def close(self) -> None:
+        """Write the time stamps and poses.txt."""
+        for folder, stamps in self._stamps.items():
+            STORE.write_text(folder / names.TIMESTAMPS, format_timestamps(fill_stamps(stamps)))
+        if self._poses and self._calibration is not None:
+            rect_t_imu = rect_from_imu(self._calibration)
+            lines = []
+            for number, matrix in sorted(self._poses.items()):
+                pose = rect_t_imu.inverse() @ Transform.from_matrix(matrix) @ rect_t_imu @ UPRIGHT
+                values = ' '.join(f'{value:.10g}' for value in pose.matrix()[:3].ravel())
+                lines.append(f'{number} {values}\n')
+            STORE.write_text(self.path / DATA_POSES / self._name / POSES, ''.join(lines))

@@ -1,0 +1,327 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI-360: real files against values that NumPy found without this package, and faulty ones.
+
+The values are those of facts.py and README.md beside the files; they are skipped without them.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import kitti_ros2
+from kitti_ros2.kitti.kitti360 import parse_kitti360_poses
+from kitti_ros2.kitti.kitti360_calib import (
+    format_kitti360_calibration,
+    parse_kitti360_calibration,
+)
+from kitti_ros2.kitti.names import KITTI_360_CALIB
+from kitti_ros2.kitti.opening import guess_layout, open_recording, open_recordings
+from kitti_ros2.kitti.text_file import parse_timestamps
+from kitti_ros2.model.lenses import MeiLens
+from kitti_ros2.model.streams import Clock, Layout, Stream
+from kitti_ros2.options.read import ReadOptions
+
+from builders import SHARED  # isort: skip
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+D = '2013_05_28_drive_{}_sync'
+PIXELS = ((1408, 376), (1408, 376), (1400, 1400), (1400, 1400))
+
+
+@pytest.fixture(scope='module')
+def real() -> Path:
+    folder = SHARED / 'kitti360'
+    if not folder.is_dir():
+        pytest.skip(f'no real KITTI-360 samples at {folder}')
+    return folder
+
+
+@pytest.fixture(scope='module')
+def set_of_links(real, tmp_path_factory) -> Path:
+    """The real files in a folder of one's own, to take some away."""
+    root = tmp_path_factory.mktemp('kitti360')
+    shutil.copytree(real, root / 'set', copy_function=os.symlink)
+    return root / 'set'
+
+
+@pytest.fixture(scope='module')
+def rig(real):
+    return kitti_ros2.read_calibration(real / 'calibration')
+
+
+def read_stamps(path):
+    return parse_timestamps(path.read_text(), path).values
+
+
+def inside(pixels, camera):
+    width, height = PIXELS[camera]
+    u, v = pixels.T
+    return int(((u >= 0) & (u < width) & (v >= 0) & (v < height)).sum())
+
+
+# Scans in the images: points, and those in image_00 to image_03.
+SCANS = {
+    ('0000', 1134): (112580, 25407, 25225, 65676, 58944),
+    ('0008', 3000): (111883, 27707, 27128, 66889, 57138),
+    ('0008', 3001): (113489, 27341, 26664, 66907, 58739),
+}
+
+
+@pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
+@pytest.mark.parametrize(('drive', 'number'), SCANS)
+def test_points_in_the_four_images(real, drive, number):
+    frame = kitti_ros2.open(real, sequence=drive).frame(number)
+    points, *expected = SCANS[drive, number]
+    assert len(frame.points) == points
+    counts = [inside(frame.calibration.project(frame.points, c)[0], c) for c in range(4)]
+    assert counts == expected
+
+
+@pytest.mark.parametrize('camera', range(4))
+def test_pixels_and_depths_lead_back_to_the_points(real, rig, camera):
+    path = real / f'data_3d_raw/{D.format("0008")}/velodyne_points/data/0000003000.bin'
+    points = np.fromfile(path, np.float32).reshape(-1, 4)[::97, :3].astype(np.float64)
+    pixels, depth = rig.project(points, camera)
+    seen = np.isfinite(pixels[:, 0])
+    width, height = PIXELS[camera]
+    seen &= (pixels > -200).all(axis=1) & (pixels < (width + 200, height + 200)).all(axis=1)
+    assert seen.sum() > 200
+    np.testing.assert_allclose(
+        rig.unproject(pixels[seen], depth[seen], camera), points[seen], atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ('camera', 'angle', 'radius'),
+    [(2, 90.0, 647), (3, 90.0, 647), (2, 98.9, 700), (3, 99.7, 700)],
+)
+def test_fisheyes_see_behind_their_image_plane(rig, camera, angle, radius):
+    model = rig.model.cameras[camera]
+    lens = MeiLens(model.lens.xi, np.array([*model.lens.d[:2], 0.0, 0.0]))
+    ray = np.array([[np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))]])
+    assert model.p_rect[0, 0] * lens.bent(ray)[0, 0] == pytest.approx(radius, abs=1)
+
+
+@pytest.mark.parametrize(('camera', 'limit'), [(2, 116.9), (3, 113.1)])
+def test_nothing_is_folded_back_into_the_image(rig, camera, limit):
+    angles = np.radians(np.arange(0.05, 180, 0.1))
+    rays = np.stack([np.sin(angles), np.zeros_like(angles), np.cos(angles)], axis=1)
+    with np.errstate(invalid='ignore'):
+        bent = rig.model.cameras[camera].lens.bent(rays)
+    seen = np.isfinite(bent[:, 0])
+    assert np.degrees(angles[seen].max()) == pytest.approx(limit, abs=0.2)
+    assert seen[: seen.sum()].all()
+
+
+ORIGINS = {
+    0: (0.8044, 0.2993, -0.1770),
+    1: (0.8303, -0.2943, -0.1797),
+    2: (-0.0497, 0.4475, 0.2332),
+    3: (-0.0692, -0.4489, 0.2369),
+}
+
+
+def test_mounts(rig):
+    for camera, origin in ORIGINS.items():
+        found_at = rig.transform('velo_link', camera)[:3, 3]
+        np.testing.assert_allclose(found_at, origin, atol=2e-3 if camera == 1 else 6e-5)
+    np.testing.assert_allclose(
+        rig.transform('velo_link', 'imu_link')[:3, 3], (-0.7640, 0.2966, -0.8434), atol=6e-5
+    )
+    assert rig.transform(1, 0)[0, 3] == pytest.approx(-0.59418, abs=1e-5)
+    # imu_link is x forward, y left, z up, as the scanner, within the few degrees of its mount.
+    np.testing.assert_allclose(rig.transform('velo_link', 'imu_link')[:3, :3], np.eye(3), atol=0.05)
+
+
+def test_k_ends_in_1_and_storage_is_read(rig):
+    assert [rig.model.cameras[c].k[2].tolist() for c in (0, 1)] == [[0, 0, 1]] * 2
+    assert not rig.model.missing
+    assert rig.model.cameras[2].lens.xi == 2.2134047507854890
+    assert [rig.model.cameras[c].size for c in range(4)] == list(PIXELS)
+
+
+@pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
+def test_frames_are_paired_by_number(real):
+    recording = kitti_ros2.open(real, sequence='0000')
+    poses = recording.streams['pose']
+    assert (len(poses), poses[0], poses[-1]) == (1038, 1, 1200)
+    assert recording.streams['scan'].tolist() == [1134]
+    assert recording.streams['image_0'].tolist() == [1134]
+    assert recording.cameras == {0: '0', 1: '1'}
+    frame = recording.frame(1134)
+    assert frame.points[0].tolist() == pytest.approx([75.4411, 0.1631, 2.7601, 0], abs=5e-5)
+    assert frame.image(0).shape == frame.image(1).shape == (376, 1408, 3)
+    assert len(recording.frame(14).transform('map', 0)) == 4
+    with pytest.raises(kitti_ros2.KittiRos2Error, match='has no frame 0;'):
+        recording.frame(0)  # no drive has a pose of frame 0
+    with pytest.raises(kitti_ros2.KittiRos2Error, match='has no frame 2;'):
+        recording.frame(2)
+
+
+def test_poses_are_imu_link_and_camera_0_is_the_rectified_one(real):
+    """cam0_to_world.txt, all lines of 0003: 5e-7 and 5e-4 m, its rounding."""
+    recording = open_recording(real, ReadOptions(sequence='0003'))
+    calibration = recording.calibration(0)
+    rig = kitti_ros2.read_calibration(real / 'calibration')
+    imu_t_cam0 = rig.transform('imu_link', 0)
+    rows = np.loadtxt(real / f'data_poses/{D.format("0003")}/cam0_to_world.txt')
+    assert recording.streams[Stream.POSE].numbers.tolist() == rows[:, 0].tolist()
+    assert calibration.r0_rect is not None
+    for number, *values in rows.tolist():
+        pose = recording.read(Stream.POSE, int(number)).world_T_imu.matrix()
+        assert pose[2, 2] > 0.97  # z up
+        expected = np.reshape(values, (4, 4))
+        np.testing.assert_allclose((pose @ imu_t_cam0)[:3, :3], expected[:3, :3], atol=3e-6)
+        np.testing.assert_allclose((pose @ imu_t_cam0)[:3, 3], expected[:3, 3], atol=6e-4)
+
+
+def test_camera_poses_alone_serve(set_of_links):
+    path = set_of_links / f'data_poses/{D.format("0008")}/poses.txt'
+    options = ReadOptions(sequence='0008')
+    fine = open_recording(set_of_links, options)
+    path.unlink()
+    coarse = open_recording(set_of_links, options)
+    assert any('read without poses.txt' in note for note in coarse.notes)
+    numbers = fine.streams[Stream.POSE].numbers.tolist()
+    assert coarse.streams[Stream.POSE].numbers.tolist() == numbers
+    for number in numbers:
+        one, other = (each.read(Stream.POSE, number).world_T_imu for each in (fine, coarse))
+        np.testing.assert_allclose(one.matrix(), other.matrix(), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ('drive', 'stream', 'first', 'last'),
+    [
+        ('0003', 'image_00', 1369735051995373568, 1369735159763863296),
+        ('0003', 'image_01', 1369735051995376640, None),
+        ('0003', 'velodyne_points', 1369735051995970538, 1369735159760662706),
+        ('0000', 'image_00', 1369730762904483072, None),
+        ('0000', 'velodyne_points', 1369730762904295089, None),
+    ],
+)
+def test_stamps(real, drive, stream, first, last):
+    part = 'data_3d_raw' if stream == 'velodyne_points' else 'data_2d_raw'
+    path = real / part / D.format(drive) / stream / 'timestamps.txt'
+    stamps = read_stamps(path)
+    assert stamps[0] == first
+    assert last in (None, stamps[-1])
+
+
+def test_poses_have_the_stamps_of_the_scans(real):
+    recording = open_recording(real, ReadOptions(sequence='0003'))
+    path = real / f'data_3d_raw/{D.format("0003")}/velodyne_points/timestamps.txt'
+    stamps = read_stamps(path)
+    index = recording.streams[Stream.POSE]
+    assert index.stamps_ns.tolist() == [stamps[number] for number in index.numbers.tolist()]
+    assert recording.clock is Clock.UTC
+    assert any(
+        '1,010 poses of frames 1 to 1030, 20 between them have none' in note
+        for note in recording.notes
+    )
+
+
+def test_a_fisheye_without_stamps_has_those_of_another_stream(real):
+    recording = open_recording(real, ReadOptions(sequence='0003'))
+    scans = real / f'data_3d_raw/{D.format("0003")}/velodyne_points/timestamps.txt'
+    index = recording.streams[Stream.IMAGE_2]
+    assert index.numbers.tolist() == [0]
+    assert index.stamps_ns.tolist() == [read_stamps(scans)[0]]
+    assert any('no timestamps.txt; stamped as scan' in note for note in recording.notes)
+    assert (recording.read(Stream.IMAGE_2, 0).width, PIXELS[2][0]) == (1400, 1400)
+
+
+def test_without_any_stamps_frames_are_a_nominal_period_apart(real):
+    recording = open_recording(real, ReadOptions(sequence='0008'))
+    assert recording.clock is Clock.NOMINAL
+    assert recording.streams[Stream.SCAN].numbers.tolist() == [3000, 3001]
+
+
+@pytest.mark.parametrize('below', ['', 'data_3d_raw', f'data_3d_raw/{D.format("0008")}'])
+def test_a_level_below_is_opened(real, below):
+    assert guess_layout(real / below) is Layout.KITTI_360
+    opened = [recording.name for recording in open_recordings(real / below)]
+    if below.endswith('sync'):
+        assert opened == [D.format('0008')]
+    else:
+        assert opened == [D.format(n) for n in ('0000', '0003', '0004', '0008', '0010')]
+
+
+def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
+    """Drive 0018 is the beginning of 0002; its files begin at 4391, its stamps at 0."""
+    shutil.copytree(recordings[Layout.KITTI_360], tmp_path / 'set')
+    for folder in [*(tmp_path / 'set').glob('data_*/*')]:
+        folder.rename(folder.with_name(D.format('0002')))
+    for folder in (tmp_path / 'set').glob('data_*/*/*/data*'):
+        stamps = folder.parent / 'timestamps.txt'
+        stamps.write_text(stamps.read_text().splitlines()[0].join(('', '\n')) * 4391
+                          + stamps.read_text())  # fmt: skip
+        for path in sorted(folder.iterdir(), reverse=True):
+            path.rename(path.with_name(f'{int(path.stem) + 4391:010d}{path.suffix}'))
+    recording = open_recording(tmp_path / 'set')
+    assert not recording.losses
+    assert sum('0 to 4390 are in drive 0018' in note for note in recording.notes) == 3
+    assert recording.streams[Stream.SCAN].numbers[0] == 4391
+
+
+def test_a_calibration_survives_its_files(real):
+    folder = real / 'calibration'
+    texts = {name: (folder / name).read_text() for name in KITTI_360_CALIB}
+    first = parse_kitti360_calibration(texts, folder)
+    again = parse_kitti360_calibration(format_kitti360_calibration(first), folder)
+    assert not again.missing
+    np.testing.assert_allclose(again.velo_T_imu.matrix(), first.velo_T_imu.matrix(), atol=1e-9)
+    for index, camera in first.cameras.items():
+        np.testing.assert_allclose(again.cameras[index].p_rect, camera.p_rect, atol=1e-9)
+        if camera.lens is not None:
+            np.testing.assert_array_equal(again.cameras[index].lens.d, camera.lens.d)
+            np.testing.assert_allclose(
+                again.cameras[index].cam_T_velo.matrix(), camera.cam_T_velo.matrix(), atol=1e-8
+            )
+
+
+@pytest.mark.parametrize(
+    ('name', 'old', 'new', 'reason'),
+    [
+        ('calib_cam_to_pose.txt', 'image_02:', 'image_07:', 'calib_cam_to_pose.txt: no image_02'),
+        ('calib_cam_to_velo.txt', '0.99516', 'nonsense', 'is no number; expected 12 numbers'),
+        (
+            'calib_cam_to_velo.txt',
+            None,
+            None,
+            'calib_cam_to_velo.txt: no such file; calibration.zip',
+        ),
+        ('perspective.txt', 'R_rect_00', 'R_rect_07', 'perspective.txt: no R_rect_00'),
+        ('image_02.yaml', 'MEI', 'EUCM', 'image_02.yaml:2: model_type is EUCM; expected MEI'),
+        ('image_02.yaml', '   xi', '   eta', 'image_02.yaml: no xi'),
+        ('image_03.yaml', None, None, 'image_03.yaml: no such file'),
+    ],
+)
+def test_what_a_calibration_lacks_is_named(set_of_links, tmp_path, name, old, new, reason):
+    root = tmp_path / 'set'
+    shutil.copytree(set_of_links, root)
+    path = root / 'calibration' / name
+    text = path.read_text()
+    path.unlink()
+    if old is not None:
+        path.write_text(text.replace(old, new))
+    missing = open_recording(root, ReadOptions(sequence='0003')).calibration(0).missing
+    assert any(reason in each for each in missing.values()), missing
+
+
+def test_lines_of_poses():
+    row = ' '.join(map(str, np.eye(3, 4).ravel()))
+    text = f'4 {row}\n7 {row} 0 0 0 1 \n7 {row}\nx {row}\n9 1 2\n11 {row} 0 0 1 1\n'
+    lines, numbers = parse_kitti360_poses(text, 'poses.txt')
+    assert [numbers[line] for line in lines.sound()] == [4, 7]
+    assert [error.line for error in lines.errors.values()] == [3, 4, 5, 6]
+    reasons = ' '.join(map(str, lines.errors.values()))
+    for reason in ('frame 7 again', "'x' is no frame number", '3 values', 'last row is not'):
+        assert reason in reasons
