@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from ..bags.bag_files import opened
 from ..bags.container_file import MessageStart, size_of
 from ..bags.reader import Decoder, ForwardStamps, open_messages
+from ..kitti.names import OTHER_RIGS
 from ..messages.cdr import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
@@ -593,7 +595,11 @@ class _SurveyPass:
 
     def _take_calibration(self, topic: TopicSurvey, stamp_ns: int, text: Any) -> None:  # noqa: ANN401
         try:
-            self._calibrations += [(stamp_ns, file) for file in decode_texts(text)]
+            self._calibrations += [
+                (stamp_ns, file)
+                for file in decode_texts(text)
+                if PurePosixPath(file.name).name not in OTHER_RIGS
+            ]
         except ValueError as error:
             topic.fail(error)
 

@@ -72,6 +72,8 @@ KITTI_360_CALIB = (
     'calib_cam_to_velo.txt',
     *KITTI_360_FISHEYES.values(),
 )
+OTHER_RIGS = frozenset(KITTI_360_CALIB)
+"""Files of calibrations whose cameras are numbered unlike KITTI's: 2 and 3 are no colour pair."""
 KITTI_360_DATE = '2013_05_28'
 """The date in the names of its drives."""
 

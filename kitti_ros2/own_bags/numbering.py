@@ -162,6 +162,8 @@ def _listed(source_files: SourceFiles, stream: Stream) -> set[int] | None:
     path = source_files.stamps_path(stream)
     if source_files.layout.traits.clock is Clock.NOMINAL or path not in source_files.texts:
         return None
+    if path.parent != source_files.folders[stream].path.parent:
+        return set()  # of another stream, which lists its own files
     return {*(source_files.file_stamps(stream) or ())}
 
 

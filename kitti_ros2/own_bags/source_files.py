@@ -341,8 +341,15 @@ class SourceFiles(DescribedRecording):
         return numbers
 
     def stamps_path(self, stream: Stream) -> PurePosixPath:
-        """Return the text file with a stream's stamps, in layouts that have one."""
-        return self.folders[stream].path.parent / LAYOUTS[self.layout].stamps
+        """Return the text file with a stream's stamps, in layouts that have one.
+
+        It is beside the folder, or else the first of another stream.
+        """
+        name = LAYOUTS[self.layout].stamps
+        own = self.folders[stream].path.parent / name
+        if own in self.texts or own in self.missing:
+            return own
+        return next((path for path in self.texts if path.name == name), own)
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """Map file numbers to stamps of messages; numbers without a valid stamp are skipped."""
