@@ -124,7 +124,8 @@ def _topics_of_folder(path: Path, params: Mapping[str, Any]) -> Iterable[str]:
     stack = StackName(params['stack']) if params.get('stack') else None
     options = MessageOptions(images=Images.BOTH, preset=preset, stack=stack, covariances=True)
     image = naming_of(options).image_topic(recording.layout, recording.image_topic)
-    table = make_table(recording.cameras, image, options)
+    raw = recording.layout.traits.raw_cameras
+    table = make_table(recording.cameras, image, options, raw_cameras=raw)
     once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
     predicted = {Stream.PREDICTIONS} if params.get('predictions') else set()
     present = {*recording.streams, *once, *predicted}

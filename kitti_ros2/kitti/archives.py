@@ -89,14 +89,15 @@ def is_kitti(file: str, archive: str) -> bool:
 
 
 def paths_below(root: Path, paths: Sequence[str]) -> list[str]:
-    """Return paths relative to a root that is itself the folder `dataset`, or that of a date.
+    """Return paths relative to a root that is itself `dataset`, a date, or a part of KITTI-360.
 
     A root that contains `sequences` counts as `dataset`.
     """
     inside = (
         names.DATASET if (root / names.SEQUENCES).is_dir() else Path(os.path.realpath(root)).name
     )
-    if not (inside == names.DATASET or names.RAW_DATE.fullmatch(inside)):
+    tops = (names.DATASET, *names.KITTI_360_PARTS)
+    if not (inside in tops or names.RAW_DATE.fullmatch(inside)):
         return list(paths)
     return [path.removeprefix(f'{inside}/') for path in paths]
 
@@ -133,15 +134,15 @@ def _locate(parts: Parts, archive: str) -> tuple[int, Parts]:
 
 
 def _in_kitti_360(parts: Parts, archive: str) -> tuple[int, Parts] | None:
-    drive = _RAW_NAME.match(archive)
+    drive = names.RAW_DRIVE.match(archive)
     for index, part in enumerate(parts):
         if part in _KITTI_360_FOLDERS and index + 1 < len(parts):
             return index, parts[index:]
         if names.RAW_DRIVE.fullmatch(part) and part.startswith(names.KITTI_360_DATE):
             folder = _IN_KITTI_360.get(parts[index + 1]) if index + 1 < len(parts) else None
             return (index, (folder, *parts[index:])) if folder else None
-        if drive and drive[1].startswith(names.KITTI_360_DATE) and part in _IN_KITTI_360:
-            return index, (_IN_KITTI_360[part], f'{drive[1]}_sync', *parts[index:])
+        if drive and drive[0].startswith(names.KITTI_360_DATE) and part in _IN_KITTI_360:
+            return index, (_IN_KITTI_360[part], drive[0], *parts[index:])
     if parts[-1] in names.KITTI_360_CALIB or parts[-1] == 'calib_sick_to_velo.txt':
         return len(parts) - 1, (names.KITTI_360_CALIBRATION, parts[-1])
     return None

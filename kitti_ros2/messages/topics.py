@@ -608,6 +608,7 @@ def make_table(
     image_topic: str,
     options: MessageOptions,
     packets: Stream = Stream.OXTS,
+    raw_cameras: Collection[int] = (),
 ) -> list[Topic]:
     """Make all rows for a recording.
 
@@ -617,6 +618,7 @@ def make_table(
         options: Options of the messages.
         packets: The stream of the messages of packets; their texts, which restore the files, are
             always those of OXTS.
+        raw_cameras: Cameras whose images are image_raw in any case.
     """
     source = [_SOURCE_ROW] if FORMATS[options.cloud].loss else []
     rows = [*source, *(row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects])]
@@ -634,7 +636,8 @@ def make_table(
         for row in rows
     ]
     for index, name in sorted(cameras.items()):
-        rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', image_topic, options)
+        images = IMAGE_TOPICS[1] if index in raw_cameras else image_topic
+        rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', images, options)
     names = naming_of(options)
     return [replace(row, topic=names.topic(row.topic)) for row in rows]
 

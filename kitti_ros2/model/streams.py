@@ -124,6 +124,7 @@ class LayoutTraits:
         cameras: The cameras of the main download; other folders of images may be absent.
         main_camera: The camera of 2D labels, or else of views.
         camera_names: Camera index to its name in topics and frames.
+        raw_cameras: Cameras whose images are never rectified.
         right_cameras: The right cameras of stereo pairs of rectified images; see samples.LEFT_OF.
         clock: The meaning of the stamps, NOMINAL for a layout without time.
         stamps_per_stream: Whether each stream has its own stamps, so that any of them may have
@@ -152,6 +153,7 @@ class LayoutTraits:
     cameras: tuple[int, ...] = (0, 1, 2, 3)
     main_camera: int = 2
     camera_names: Mapping[int, str] = field(default_factory=lambda: CAMERA_NAMES)
+    raw_cameras: tuple[int, ...] = ()
     right_cameras: tuple[int, ...] = (1, 3)
     clock: Clock = Clock.NOMINAL
     stamps_per_stream: bool = False
@@ -248,6 +250,7 @@ _TRAITS = {
         cameras=(0, 1),
         main_camera=0,
         camera_names={index: str(index) for index in range(4)},
+        raw_cameras=(2, 3),
         right_cameras=(1,),
         clock=Clock.UTC,
         stamps_per_stream=True,

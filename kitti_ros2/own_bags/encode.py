@@ -42,7 +42,7 @@ from ..model.errors import (
     format_numbers,
 )
 from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
-from ..model.streams import CAMERA_NAMES, IMAGE_STREAMS, NS_PER_S, Stream
+from ..model.streams import IMAGE_STREAMS, NS_PER_S, Stream
 from ..options.declare import options_of
 from ..options.messages import Clouds, ColorEncoding, MarkerOptions
 from ..options.stack_names import IMU, StackName
@@ -270,7 +270,8 @@ class Encoder:
         selection: SelectionOptions,
     ) -> None:
         images = naming_of(options).image_topic(recording.layout, recording.image_topic)
-        table = make_table(recording.cameras, images, options, _packets_of(recording))
+        raw = recording.layout.traits.raw_cameras
+        table = make_table(recording.cameras, images, options, _packets_of(recording), raw)
         if Stream.CALIBRATION in recording.streams:
             table = without_latched_calibrations(table)
         selected = select_topics(table, selection)
@@ -484,8 +485,10 @@ def _possible_table(
 ) -> list[Topic]:
     """Return the rows of a recording with those of cameras that are lost completely."""
     lost = {Stream(loss.stream).camera for loss in recording.losses}
-    cameras = {index: CAMERA_NAMES.get(index, str(index)) for index in lost if index is not None}
-    return make_table({**cameras, **recording.cameras}, images, options, _packets_of(recording))
+    traits = recording.layout.traits
+    names = {i: traits.camera_names.get(i, str(i)) for i in lost if i is not None}
+    cameras, packets = {**names, **recording.cameras}, _packets_of(recording)
+    return make_table(cameras, images, options, packets, traits.raw_cameras)
 
 
 def _packets_of(recording: ReadableRecording) -> Stream:

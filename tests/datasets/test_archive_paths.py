@@ -9,6 +9,7 @@ import pytest
 from kitti_ros2.kitti.archives import paths_below, target_paths
 
 DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
+DRIVE_360 = '2013_05_28_drive_0000_sync'
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,24 @@ DRIVE = '2011_09_26/2011_09_26_drive_0005_sync'
         ('2011_09_26_drive_0005_extract (1).zip', 'oxts/data/0.txt',
          '2011_09_26/2011_09_26_drive_0005_extract/oxts/data/0.txt'),
         ('label_2.zip', 'data/label_2/000000.txt', 'label_2/000000.txt'),
+        # KITTI-360, with and without the folder above its drives.
+        ('data_poses.zip', f'data_poses/{DRIVE_360}/poses.txt', None),
+        ('data_poses.zip', f'{DRIVE_360}/poses.txt', f'data_poses/{DRIVE_360}/poses.txt'),
+        ('data_poses_oxts.zip', f'{DRIVE_360}/oxts/timestamps.txt',
+         f'data_poses/{DRIVE_360}/oxts/timestamps.txt'),
+        (f'{DRIVE_360}_image_00.zip', f'{DRIVE_360}/image_00/data_rect/0000000000.png',
+         f'data_2d_raw/{DRIVE_360}/image_00/data_rect/0000000000.png'),
+        (f'{DRIVE_360}_velodyne.zip', 'velodyne_points/data/0000000000.bin',
+         f'data_3d_raw/{DRIVE_360}/velodyne_points/data/0000000000.bin'),
+        ('data_timestamps_velodyne.zip', f'{DRIVE_360}/velodyne_points/timestamps.txt',
+         f'data_3d_raw/{DRIVE_360}/velodyne_points/timestamps.txt'),
+        (f'{DRIVE_360}_sick.zip', f'{DRIVE_360}/sick_points/timestamps.txt',
+         f'data_3d_raw/{DRIVE_360}/sick_points/timestamps.txt'),
+        ('a.zip', f'KITTI-360/data_2d_raw/{DRIVE_360}/image_02/timestamps.txt',
+         f'data_2d_raw/{DRIVE_360}/image_02/timestamps.txt'),
+        ('data_3d_bboxes.zip', f'data_3d_bboxes/train/{DRIVE_360}.xml', None),
+        ('calibration.zip', 'calibration/perspective.txt', None),
+        ('calibration.zip', 'x/image_02.yaml', 'calibration/image_02.yaml'),
         # Devkits.
         ('devkit_object.zip', 'mapping/train_rand.txt', 'devkit_object/mapping/train_rand.txt'),
         ('devkit_raw_data.zip', 'devkit/readme.txt', 'devkit_raw_data/readme.txt'),
@@ -64,5 +83,7 @@ def test_a_root_that_is_the_top_folder(tmp_path):
     assert paths_below(tmp_path / '2011_09_26', [f'{DRIVE}/oxts/a']) == [
         '2011_09_26_drive_0005_sync/oxts/a'
     ]
+    pose = f'data_poses/{DRIVE_360}/poses.txt'
+    assert paths_below(tmp_path / 'data_poses', [pose]) == [f'{DRIVE_360}/poses.txt']
     (tmp_path / 'sequences').mkdir()
     assert paths_below(tmp_path, [scan]) == ['sequences/00/velodyne/000000.bin']
