@@ -54,7 +54,7 @@ from .text_file import (
 from .writers import LayoutWriter, fill_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from ..model.geometry import Float64Array
@@ -64,6 +64,8 @@ if TYPE_CHECKING:
 DATA_2D, DATA_3D, DATA_POSES = KITTI_360_PARTS
 POSES, CAM0_TO_WORLD = KITTI_360_POSES
 _POSE_COLUMNS = (13, 17)
+_SAME_M, _SAME_ROTATION = 5e-3, 1e-4
+"""Limits for the two files of poses; in 11 drives they differ by 5e-4 m and 5e-7."""
 _NOT_READ = ('data_3d_bboxes', 'data_2d_semantics', 'data_3d_semantics')
 
 RENAMED = ('2013_05_28_drive_0002_sync', 4391)
@@ -234,6 +236,24 @@ class Kitti360Recording(KittiRecording):
             return Pose(pose @ rect_from_imu(self._calibration))
         return Pose(pose @ UPRIGHT)
 
+    def contradictions(self) -> Iterator[str]:
+        """Yield the lines of cam0_to_world.txt that are not poses.txt times the calibration."""
+        path, calibration = self._drive / CAM0_TO_WORLD, self._calibration
+        if not path.is_file() or path == self._poses_path or calibration.nominal:
+            return
+        lines, numbers = self._parsed(path, Stream.POSE, parse_kitti360_poses)
+        yield from map(str, lines.errors.values())
+        imu_t_rect = rect_from_imu(calibration).inverse()
+        for line, matrix in lines.sound().items():
+            where, number = f'{path}:{line + 1}', numbers[line]
+            if number not in self._poses:
+                yield f'{where}: frame {number} is not in {POSES}'
+                continue
+            camera = self._pose(number).world_T_imu @ imu_t_rect
+            apart = np.abs(camera.matrix()[:3] - matrix)
+            if not (apart[:, 3].max() < _SAME_M and apart[:, :3].max() < _SAME_ROTATION):
+                yield f'{where}: frame {number} is {apart[:, 3].max():.3f} m from {POSES}'
+
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""
         if stream is Stream.CALIBRATION:
@@ -336,14 +356,19 @@ class Kitti360Writer(LayoutWriter):
         self._poses[number] = first_T_cam0
 
     def close(self) -> None:
-        """Write the time stamps and poses.txt."""
+        """Write the time stamps and both files of poses."""
         for folder, stamps in self._stamps.items():
             STORE.write_text(folder / names.TIMESTAMPS, format_timestamps(fill_stamps(stamps)))
-        if self._poses and self._calibration is not None:
-            rect_t_imu = rect_from_imu(self._calibration)
-            lines = []
-            for number, matrix in sorted(self._poses.items()):
-                pose = rect_t_imu.inverse() @ Transform.from_matrix(matrix) @ rect_t_imu @ UPRIGHT
-                values = ' '.join(f'{value:.10g}' for value in pose.matrix()[:3].ravel())
-                lines.append(f'{number} {values}\n')
-            STORE.write_text(self.path / DATA_POSES / self._name / POSES, ''.join(lines))
+        if not self._poses or self._calibration is None:
+            return
+        rect_t_imu = rect_from_imu(self._calibration)
+        poses, cameras = [], []
+        for number, matrix in sorted(self._poses.items()):
+            camera = rect_t_imu.inverse() @ Transform.from_matrix(matrix)
+            pose = (camera @ rect_t_imu @ UPRIGHT).matrix()[:3]
+            poses.append(f'{number} {" ".join(f"{value:.10g}" for value in pose.ravel())}\n')
+            words = [f'{value:.6f}' for value in camera.matrix().ravel()]
+            cameras.append(f'{number} {" ".join(words)} \n')
+        folder = self.path / DATA_POSES / self._name
+        STORE.write_text(folder / POSES, ''.join(poses))
+        STORE.write_text(folder / CAM0_TO_WORLD, ''.join(cameras))

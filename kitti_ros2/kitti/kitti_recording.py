@@ -319,6 +319,10 @@ class KittiRecording(RecordingPoses):
         """List the existing text files of the whole recording."""
         return []
 
+    def contradictions(self) -> Iterator[str]:
+        """Yield where its text files contradict each other, with file and line, for validate."""
+        yield from ()
+
     def calibration(self, number: int) -> Calibration:  # noqa: ARG002 - one for all frames
         """Return the calibration of a frame; absent parts are listed in its missing."""
         return self._calibration

@@ -348,7 +348,9 @@ class SequenceChecks:
                 parse = LAYOUTS[self._recording.layout].parse_poses
                 poses = self._parsed(path, text, parse)
                 self._report(poses.lines.errors)
-                self.breaches += find_breaches(POSE_RULES, PosesFile(path, *poses))
+                self.breaches += find_breaches(
+                    POSE_RULES, PosesFile(path, *poses, self._recording.level_poses)
+                )
             elif path.parent.name == names.TRACKING_LABELS:
                 self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
                 self._report({error.line: error for error in self.labels.errors})

@@ -120,6 +120,17 @@ def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
 
 
 @RECORDING_RULES.add(
+    'texts-contradict',
+    WARNING,
+    'Text files of a recording agree: cam0_to_world.txt is of the poses of poses.txt (KITTI-360)',
+    'give the files of one download',
+)
+def _find_contradictions(facts: RecordingFacts) -> Iterator[Breach]:
+    for text in facts.recording.contradictions():
+        yield breach_in(text, facts.recording.root)
+
+
+@RECORDING_RULES.add(
     'scan-columns',
     ERROR,
     'Scans have 4 float32 a point, by the size and values of the first ones',
@@ -434,6 +445,7 @@ _QUICKEST_TURN = 5.0
 _LONGEST_STEP_S = 1.0
 _FARTHEST_STEP_M = 5.0
 _ORTHONORMAL = 1e-3
+_LEANING = np.cos(np.radians(30.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -564,11 +576,12 @@ def _find_extremes(track: PacketTrack) -> Iterator[Breach]:
 
 @dataclass(frozen=True, eq=False)
 class PosesFile:
-    """A file of poses, with the frame of each line."""
+    """A file of poses, with the frame of each line; level if the world's z is up or down."""
 
     path: Path
     lines: Lines[Float64Array]
     numbers: Sequence[int]
+    level: bool = False
 
 
 POSE_RULES = RuleTable[PosesFile](RuleScope.RECORDING)
@@ -597,6 +610,20 @@ def _find_bent_poses(file: PosesFile) -> Iterator[Breach]:
         error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if error > _ORTHONORMAL or np.linalg.det(rotation) < 0:
             yield Breach(f'the rotation is not orthonormal, by {error:.1g}', file.path, line + 1)
+
+
+@POSE_RULES.add(
+    'pose-tilt',
+    WARNING,
+    'Vehicles lean by less than 30 degrees (KITTI-360)',
+    'do not use the pose: the first one of drive 0004 is wrong, too',
+)
+def _find_tilted(file: PosesFile) -> Iterator[Breach]:
+    for line, pose in file.lines.sound().items() if file.level else ():
+        cosine = abs(float(pose[2, 2]))
+        if cosine < _LEANING:
+            angle = np.degrees(np.arccos(cosine))
+            yield Breach(f'the vehicle leans by {angle:.0f} degrees', file.path, line + 1)
 
 
 @POSE_RULES.add(

@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import kitti360_faults
 import object_faults
 import pytest
 import sequence_faults
@@ -23,7 +24,7 @@ from builders import SMALL  # isort: skip
 if TYPE_CHECKING:
     from pathlib import Path
 
-FAULTS = (*object_faults.FAULTS, *sequence_faults.FAULTS)
+FAULTS = (*object_faults.FAULTS, *sequence_faults.FAULTS, *kitti360_faults.FAULTS)
 FEW = replace(SMALL, frames=8, image_size=(62, 19), lidar_columns=24)
 FIRST = 3
 FOLDERS = {
@@ -98,7 +99,7 @@ def test_sixty_faults_of_an_object_set_are_found_at_once(few, tmp_path):
     assert plant(faults, root) == []
 
 
-@pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY, Layout.TRACKING])
+@pytest.mark.parametrize('layout', [each for each in Layout if each is not Layout.OBJECT])
 def test_several_faults_of_a_sequence_are_found_at_once(layout, few, tmp_path):
     faults = [each for each in FAULTS if each.layout is layout and not each.alone]
     most = FEW.frames - FIRST
