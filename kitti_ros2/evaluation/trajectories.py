@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 #   write the frame number before them, which is a line of thirteen.
 # - TUM: stamp in seconds, x y z, and the quaternion x y z w; lines that begin with # are comments.
 
+_WHOLE = 17  # columns of cam0_to_world.txt of KITTI-360
 _FARTHEST_M = 1e9
 _QUATERNION = 1e-2
 """Tolerance of the length of a quaternion, as in tf2."""
@@ -220,10 +221,12 @@ def _parse_kitti(words: list[str], position: int) -> tuple[int, list[float]]:
 
 
 def _parse_numbered(words: list[str], _: int) -> tuple[int, list[float]]:
-    number, *values = parse_numbers(words, 13)
+    number, *values = parse_numbers(words, len(words) if len(words) == _WHOLE else 13)
+    if values[12:] not in ([], [0, 0, 0, 1]):
+        raise ValueError('the last row is not 0 0 0 1')
     if not (number.is_integer() and 0 <= number < 2**31):
         raise ValueError(f'{words[0]!r} is no frame number')
-    return int(number), values
+    return int(number), values[:12]
 
 
 def _parse_tum(words: list[str], _: int) -> tuple[int, list[float]]:
@@ -283,6 +286,7 @@ class _PoseFormat:
 _FORMATS = {
     12: _PoseFormat('poses file', _parse_kitti, 'twelve numbers, a 3x4 pose matrix'),
     13: _PoseFormat('poses file with frame numbers', _parse_numbered, 'a frame number and a pose'),
+    _WHOLE: _PoseFormat('cam0_to_world.txt', _parse_numbered, 'a frame number and a 4x4 matrix'),
     8: _PoseFormat('TUM file', _parse_tum, 'stamp x y z qx qy qz qw', timed=True),
 }
 """By number of columns."""

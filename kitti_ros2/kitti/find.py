@@ -18,7 +18,7 @@ from .calib_file import (
     format_tracking,
     parse_raw_calibration,
 )
-from .kitti360 import Kitti360Recording, Kitti360Writer, drives_at, parse_kitti360_poses
+from .kitti360 import Kitti360Recording, Kitti360Writer, drives_at, first_file, parse_kitti360_poses
 from .kitti360_calib import format_kitti360_calibration, parse_kitti360_calibration
 from .readers import ObjectRecording, OdometryRecording, RawRecording, TrackingRecording
 from .store import STORE, Listing
@@ -376,6 +376,8 @@ class LayoutFiles:
         parse_calibration: Parses these: by name the texts of those that exist, their folder, and
             whether the images are rectified.
         parse_poses: Parses the file of poses, if the layout has one.
+        first_file: By the name of a recording the first frame that has files; time stamps begin at
+            frame 0.
     """
 
     find: Callable[[Path], list[Candidate]]
@@ -386,6 +388,7 @@ class LayoutFiles:
     calibration_files: tuple[str, ...] = ()
     parse_calibration: Callable[[Mapping[str, str], Path, bool], Calibration] | None = None
     parse_poses: Callable[[str, Path], NumberedPoses] = parse_odometry_poses
+    first_file: Callable[[str], int] = lambda _: 0
 
 
 LAYOUTS = {
@@ -430,6 +433,7 @@ LAYOUTS = {
         calibration_files=names.KITTI_360_CALIB,
         parse_calibration=lambda texts, folder, _: parse_kitti360_calibration(texts, folder),
         parse_poses=parse_kitti360_poses,
+        first_file=first_file,
     ),
 }
 

@@ -75,6 +75,11 @@ Its time stamps and poses begin at frame 0. Source: kitti360Scripts, issues 92 a
 """
 
 
+def first_file(name: str) -> int:
+    """Return the first frame of a drive that has files, whatever its time stamps list."""
+    return RENAMED[1] if name == RENAMED[0] else 0
+
+
 class _StreamFolder(NamedTuple):
     """The folder of a stream, its sub-folder of files, and their suffixes."""
 
@@ -161,8 +166,8 @@ class Kitti360Recording(KittiRecording):
         if of is not stream:
             self.notes.append(f'{folder}: no {names.TIMESTAMPS}; stamped as {of.value}')
         lines, first = self._stamps[of], 0
-        if self.name == RENAMED[0] and min(listing.numbers, default=0) >= RENAMED[1]:
-            first = RENAMED[1]
+        if 0 < first_file(self.name) <= listing.numbers.min():
+            first = first_file(self.name)
             self.notes.append(f'{folder}: the files of frames 0 to {first - 1} are in drive 0018')
         if of is not stream:
             first = len(lines)  # of the stream itself no file lists frames

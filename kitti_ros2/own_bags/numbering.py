@@ -162,9 +162,12 @@ def _listed(source_files: SourceFiles, stream: Stream) -> set[int] | None:
     path = source_files.stamps_path(stream)
     if source_files.layout.traits.clock is Clock.NOMINAL or path not in source_files.texts:
         return None
-    if path.parent != source_files.folders[stream].path.parent:
+    folder = source_files.folders[stream]
+    if path.parent != folder.path.parent:
         return set()  # of another stream, which lists its own files
-    return {*(source_files.file_stamps(stream) or ())}
+    first = LAYOUTS[source_files.layout].first_file(source_files.name)
+    first = min([first, *folder.numbers[:1]])
+    return {number for number in source_files.file_stamps(stream) or () if number >= first}
 
 
 def _lines(source_files: SourceFiles, stream: Stream) -> Iterable[int]:

@@ -396,7 +396,7 @@ class SourceFiles(DescribedRecording):
 
         Scans compensated for motion have none.
         """
-        if self._compensated:
+        if self._compensated or Stream.SCAN not in self.folders:
             return {}
         stamps = self.file_stamps(Stream.SCAN)
         starts = self._turn_stamps(names.TIMESTAMPS_START, STARTS)

@@ -27,7 +27,7 @@ from kitti_ros2.model.lenses import MeiLens
 from kitti_ros2.model.streams import Clock, Layout, Stream
 from kitti_ros2.options.read import ReadOptions
 
-from builders import SHARED  # isort: skip
+from builders import SHARED, convert_recording  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -269,6 +269,10 @@ def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
     assert not recording.losses
     assert sum('0 to 4390 are in drive 0018' in note for note in recording.notes) == 3
     assert recording.streams[Stream.SCAN].numbers[0] == 4391
+    convert_recording(tmp_path / 'set', tmp_path / 'bag.mcap')
+    with kitti_ros2.open(tmp_path / 'bag.mcap') as bag:
+        assert bag.numbers[-5:].tolist() == [4391, 4392, 4393, 4394, 4395]
+        assert not bag.losses
 
 
 def test_a_calibration_survives_its_files(real):
