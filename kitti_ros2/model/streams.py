@@ -111,6 +111,14 @@ class Clock(str, Enum):
 # KITTI's layouts and their traits: what other rooms ask instead of which layout it is.
 
 
+class PngForm(str, Enum):
+    """The forms of PNG files of equal pixels: that of KITTI's camera images, and others."""
+
+    KITTI = 'kitti'
+    KITTI_360 = 'kitti360'
+    FAST = 'fast'
+
+
 @dataclass(frozen=True)
 class LayoutTraits:
     """The differences between layouts, apart from their files (see kitti.opening).
@@ -125,6 +133,7 @@ class LayoutTraits:
         main_camera: The camera of 2D labels, or else of views.
         camera_names: Camera index to its name in topics and frames.
         raw_cameras: Cameras whose images are never rectified.
+        png: The form of the files of images.
         right_cameras: The right cameras of stereo pairs of rectified images; see samples.LEFT_OF.
         clock: The meaning of the stamps, NOMINAL for a layout without time.
         stamps_per_stream: Whether each stream has its own stamps, so that any of them may have
@@ -154,6 +163,7 @@ class LayoutTraits:
     main_camera: int = 2
     camera_names: Mapping[int, str] = field(default_factory=lambda: CAMERA_NAMES)
     raw_cameras: tuple[int, ...] = ()
+    png: PngForm = PngForm.KITTI
     right_cameras: tuple[int, ...] = (1, 3)
     clock: Clock = Clock.NOMINAL
     stamps_per_stream: bool = False
@@ -176,14 +186,6 @@ class LayoutTraits:
     def is_extract(self, name: str) -> bool:
         """Return whether a recording of this name is unrectified, numbered by stream."""
         return self.extracts and name.endswith('_extract')
-
-
-class PngForm(str, Enum):
-    """The forms of PNG files of equal pixels: that of KITTI's camera images, and others."""
-
-    KITTI = 'kitti'
-    KITTI_360 = 'kitti360'
-    FAST = 'fast'
 
 
 class Layout(str, Enum):
@@ -251,6 +253,7 @@ _TRAITS = {
         main_camera=0,
         camera_names={index: str(index) for index in range(4)},
         raw_cameras=(2, 3),
+        png=PngForm.KITTI_360,
         right_cameras=(1,),
         clock=Clock.UTC,
         stamps_per_stream=True,

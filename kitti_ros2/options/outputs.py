@@ -210,7 +210,7 @@ class ImportOptions:
         None,
         "PNG files made of pixels: in the form of KITTI's own files, or encoded fast",
         PngForm,
-        unset="kitti for KITTI's images, else fast",
+        unset="that of the layout for KITTI's images, else fast",
     )
     snap: bool = option(
         True, "Round scans of others to KITTI's grid of 1 mm if they are within 0.02 mm", parse_flag

@@ -338,7 +338,7 @@ class _Writer:
         forms: _Forms,
     ) -> None:
         self._bag = bag
-        self._png = forms.png or PngForm.KITTI
+        self._png = forms.png or source_files.layout.traits.png
         self._grid = GridTally(enabled=forms.snap)
         self._rests = ScanRests(self._scan_names, self._lose_text)
         self._exact: set[int] = set()

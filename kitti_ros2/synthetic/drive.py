@@ -17,7 +17,7 @@ from ..kitti.find import make_writer
 from ..kitti.scan_grid import compensated, on_grid
 from ..model.errors import OutputExistsError, UsageError
 from ..model.samples import Scan, rect_from_velo
-from ..model.streams import NS_PER_S, Layout, Stream
+from ..model.streams import NS_PER_S, Layout, PngForm, Stream
 from .render import Cameras, encode_image
 from .scene import (
     CAR_T_VELO,
@@ -210,9 +210,9 @@ class SyntheticDrive:
             camera, frame, self.placed(frame), projection, street_t_velo
         )
 
-    def image(self, frame: int, camera: int) -> Image:
+    def image(self, frame: int, camera: int, form: PngForm = PngForm.KITTI) -> Image:
         """Return an image as a PNG file."""
-        return encode_image(self.picture(frame, camera))
+        return encode_image(self.picture(frame, camera), form)
 
     def instances(self, frame: int, camera: int) -> Canvas:
         """Return the index in placed(frame), plus one, of each pixel of an image, and its depth."""
@@ -295,13 +295,15 @@ def extract_of(drive: Path) -> Path:
 def _write(
     root: Path, layout: Layout, drive: SyntheticDrive, progress: Callable[[int], None] | None
 ) -> None:
-    cameras = layout.traits.cameras
+    cameras, form = layout.traits.cameras, layout.traits.png
     with (
         Threads(os.cpu_count() or 1, 'image') as threads,
         make_writer(layout, root, _name(layout)) as writer,
     ):
         for frame in range(len(drive)):
-            images = [threads.submit(partial(drive.image, frame, camera)) for camera in cameras]
+            images = [
+                threads.submit(partial(drive.image, frame, camera, form)) for camera in cameras
+            ]
             _write_frame(writer, drive, frame)
             stamps = drive.stamps(frame).images
             for camera, image in zip(cameras, images, strict=True):

@@ -788,8 +788,8 @@ class Cameras:
         return self._noise[grey][top : top + height, left : left + width]
 
 
-def encode_image(picture: Picture) -> Image:
-    """Encode a picture as a PNG file in KITTI's form."""
+def encode_image(picture: Picture, form: PngForm = PngForm.KITTI) -> Image:
+    """Encode a picture as a PNG file in the form of a layout."""
     height, width = picture.shape[:2]
     channels = 1 if picture.ndim == 2 else picture.shape[2]
-    return Image(encode_png(picture, PngForm.KITTI), width, height, channels)
+    return Image(encode_png(picture, form), width, height, channels)

@@ -48,8 +48,9 @@ def test_samples_are_what_was_made(recording):
     made = SyntheticDrive(SMALL)
     scan = made.scan(3, is_compensated=recording.layout is Layout.ODOMETRY)
     np.testing.assert_array_equal(recording.read(Stream.SCAN, 3).points, scan.points)
-    camera = recording.layout.traits.cameras[-1]
-    assert recording.read(Stream(f'image_{camera}'), 3).data == made.image(3, camera).data
+    traits = recording.layout.traits
+    image = made.image(3, traits.cameras[-1], traits.png)
+    assert recording.read(Stream(f'image_{traits.cameras[-1]}'), 3).data == image.data
 
 
 @pytest.mark.parametrize('layout', [layout for layout in Layout if layout is not Layout.OBJECT])

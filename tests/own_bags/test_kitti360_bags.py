@@ -64,6 +64,14 @@ def test_every_file_comes_back_to_the_byte(real, tmp_path, drive, name):
     assert files_of(tmp_path / 'out') == of_drive(real, D.format(drive))
 
 
+def test_images_come_back_to_the_byte_from_their_pixels(real, tmp_path):
+    """KITTI-360's PNG files are in another form than KITTI's."""
+    words = ['to-bag', str(real), str(tmp_path / 'bag.mcap'), '--images', 'raw', '-q']
+    main([*words, '--sequence', '0000'])
+    main(['to-kitti', str(tmp_path / 'bag.mcap'), str(tmp_path / 'out'), '-q'])
+    assert files_of(tmp_path / 'out') == of_drive(real, D.format('0000'))
+
+
 def test_a_bag_has_the_frames_and_poses_of_its_folder(real, bag):
     folder = kitti_ros2.open(real, sequence='0000')
     with kitti_ros2.open(bag) as other:
