@@ -194,6 +194,8 @@ class Kitti360Recording(KittiRecording):
             return
         if path.name == CAM0_TO_WORLD:
             self.notes.append(f'{path}: read without {POSES}, which has more digits')
+            if self._calibration.nominal:
+                self.notes.append(f'{path}: carried to imu_link by a nominal calibration')
         self.notes.append(f'{path}: {_describe_holes(numbers)}')
         if not self._stamps:
             self._add_nominal(Stream.POSE, np.array(numbers, dtype=np.int64), None)
