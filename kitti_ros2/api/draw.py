@@ -90,6 +90,6 @@ def draw(frame: Frame, mode: str = 'panel', **options: Unpack[DrawKeywords]) -> 
         raise UsageError(f'no mode {mode!r}; there are {", ".join(MODES)}')
     view_mode = MODES[settings.mode]
     frames = frame.source.frames
-    streams = view_mode.streams(frames.cameras, settings.pictures)
+    streams = view_mode.streams(frames.cameras, settings.pictures, frames.main_camera)
     pixels = view_mode.draw(frames.frame(frame.number, streams), settings.pictures)
     return np.ascontiguousarray(pixels[..., ::-1]).view(Picture)

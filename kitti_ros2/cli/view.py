@@ -174,7 +174,9 @@ def _missing_classes(
     from ..pictures.panel import MODES
 
     requested = settings.pictures.classes
-    if Stream.LABELS.value not in MODES[settings.mode].streams(source.cameras, settings.pictures):
+    if Stream.LABELS.value not in MODES[settings.mode].streams(
+        source.cameras, settings.pictures, source.main_camera
+    ):
         return [f'{settings.mode} draws no objects; --classes has no effect'] if requested else []
     present = ', '.join(sorted(classes)) or 'none'
     lower = {kind.lower() for kind in classes}

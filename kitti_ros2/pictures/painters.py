@@ -39,11 +39,13 @@ if TYPE_CHECKING:
 _CALIBRATION = Stream.CALIBRATION.value
 
 
-def chosen_camera(cameras: Collection[int], options: PictureOptions) -> int | None:
-    """Return the requested camera; else camera 2, or the first one; None without any."""
+def chosen_camera(
+    cameras: Collection[int], options: PictureOptions, main: int = LABEL_CAMERA
+) -> int | None:
+    """Return the requested camera; else the main one, or the first; None without any."""
     if options.camera is not None:
         return options.camera
-    return LABEL_CAMERA if LABEL_CAMERA in cameras else min(cameras, default=None)
+    return main if main in cameras else min(cameras, default=None)
 
 
 def camera_image(frame: FrameData, options: PictureOptions) -> tuple[int, Pixels]:

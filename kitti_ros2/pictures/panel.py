@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from ..drawing.birds_eye import BACKGROUND, draw_route
+from ..drawing.labelled_objects import LABEL_CAMERA
 from ..drawing.points import ROWS, SCALES, color_table, colored, draw_ramp, range_maps
 from ..drawing.primitives import (
     PREDICTION_BGR,
@@ -463,14 +464,17 @@ class Mode:
     others: frozenset[str]
     instead: frozenset[str] = frozenset()
 
-    def streams(self, cameras: Collection[int], options: PictureOptions) -> frozenset[str]:
+    def streams(
+        self, cameras: Collection[int], options: PictureOptions, main: int = LABEL_CAMERA
+    ) -> frozenset[str]:
         """Return the streams that RecordingFrames.frame has to read.
 
         Args:
             cameras: Cameras whose images the source has.
             options: Picture options.
+            main: The camera that is shown by default.
         """
-        camera = chosen_camera(cameras, options) if self.image else None
+        camera = chosen_camera(cameras, options, main) if self.image else None
         return self.others | (self.instead if camera is None else {f'image_{camera}'})
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 import numpy as np
 
 from ..bags.open_source import open_source
-from ..drawing.labelled_objects import colour_pixels, objects_of
+from ..drawing.labelled_objects import LABEL_CAMERA, colour_pixels, objects_of
 from ..files.image_files import decode_image
 from ..kitti.kitti_recording import KittiRecording
 from ..kitti.prepare import scan_at
@@ -177,6 +177,12 @@ class RecordingFrames:
     def cameras(self) -> Mapping[int, str]:
         """KITTI camera index to name, of cameras with images."""
         return self.recording.cameras
+
+    @property
+    def main_camera(self) -> int:
+        """The camera of pictures by default, if it has images."""
+        layout = self.recording.layout
+        return LABEL_CAMERA if layout is None else layout.traits.main_camera
 
     @cached_property
     def _map_t_world(self) -> Transform:

@@ -71,7 +71,7 @@ def draw_frames(
     Raises:
         UsageError: A frame does not exist.
     """
-    streams = mode.streams(source.cameras, options)
+    streams = mode.streams(source.cameras, options, source.main_camera)
 
     def draw(number: int) -> Drawn:
         frame = refine(source.frame(number, streams))
@@ -90,7 +90,7 @@ def concerned_losses(
     source: RecordingFrames, numbers: Sequence[int], mode: Mode, options: PictureOptions
 ) -> tuple[Loss, ...]:
     """Return the losses of the source itself that concern pictures of some frames."""
-    shown = mode.streams(source.cameras, options) | {Stream.CALIBRATION.value}
+    shown = mode.streams(source.cameras, options, source.main_camera) | {Stream.CALIBRATION.value}
     others = {stream.value for stream in Stream} - shown
     drawn = set(numbers)
     losses = []

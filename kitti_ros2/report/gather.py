@@ -90,9 +90,12 @@ def draw_scenes(
         step: Called after each frame.
     """
     options = PictureOptions()
-    camera = chosen_camera(source.cameras, options)
+    camera = chosen_camera(source.cameras, options, source.main_camera)
     streams = frozenset[str]().union(
-        *(MODES[name].streams(source.cameras, options) for name in ('boxes', 'lidar', 'bev'))
+        *(
+            MODES[name].streams(source.cameras, options, source.main_camera)
+            for name in ('boxes', 'lidar', 'bev')
+        )
     )
     scenes = []
     for index in spread(len(pictured), most):
@@ -123,7 +126,8 @@ def draw_projections(
         return ()
     middle = pictured[len(pictured) // 2]
     points = next((scene.points for scene in scenes if scene.number == middle), None)
-    drawn = {} if points is None else {chosen_camera(source.cameras, PictureOptions()): points}
+    camera = chosen_camera(source.cameras, PictureOptions(), source.main_camera)
+    drawn = {} if points is None else {camera: points}
     cameras = sorted(source.cameras)[:_MOST_CAMERAS]
     images = [Stream(f'image_{index}').value for index in cameras if index not in drawn]
     frame = source.frame(middle, frozenset({Stream.SCAN.value, *images}))
