@@ -22,6 +22,7 @@ from ..kitti.opening import keep_all_but_camera_sets, keep_all_but_data_sets
 from ..kitti.store import STORE
 from ..messages.naming import CALIBRATION, LABEL_LINES
 from ..messages.tf_tree import describe_direction
+from ..messages.topics import own_topics
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError, either
 from ..model.streams import NS_PER_S, Layout, Stream
@@ -242,6 +243,7 @@ def _merge_splits(stage: Path, plan: Plan, plans: Mapping[str, Plan]) -> None:
 # pcdet/datasets/kitti/kitti_dataset.py:167-168).
 
 _TURN_RAD = np.radians(5)
+_KITTIS_TURN = 1.0
 """KITTI's own scans are turned by less than a degree."""
 
 
@@ -285,6 +287,26 @@ def _turned_scan_notes(plan: Plan, survey: Survey) -> Iterator[str]:
         f'{note}, so mmdetection3d and OpenPCDet turn boxes by that angle: to train with them set'
         f' scan.forward: {CAMERA} in the plan, which turns the scans{also}'
     )
+
+
+def _turned_to_camera(plan: Plan, survey: Survey) -> tuple[Plan, tuple[str, ...]]:
+    """Turn the scans of an object set of KITTI-360, by 2.5 degrees, to its camera; with a note.
+
+    Its bags have KITTI's topics, with cameras of other numbers.
+    """
+    own = {index: own_topics().get(camera.topic) for index, camera in plan.cameras.items()}
+    others = [index for index, row in own.items() if row and row.stream.camera != index]
+    if not (plan.layout.traits.frame_set and plan.scan and others):
+        return plan, ()
+    axis = _camera_in_scan(plan, survey)
+    degrees = 0.0 if axis is None else np.degrees(np.arctan2(axis[1], axis[0]))
+    if abs(degrees) < _KITTIS_TURN:
+        return plan, ()
+    note = (
+        f'{plan.scan.topic}: turned by {degrees:.1f} degrees about z, for loaders take x of scans'
+        f' as the direction of camera 2; remove scan.forward from the plan to keep the points'
+    )
+    return replace(plan, scan=replace(plan.scan, forward=CAMERA)), (note,)
 
 
 def _camera_in_scan(plan: Plan, survey: Survey) -> Float64Array | None:
@@ -339,7 +361,8 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
         notes += (f'{plan.labels.topic}: left out, for labels need a calibration',)
         plan = replace(plan, labels=None)
     notes += (*lost_description(survey), *clock_notes(clocked(survey, plan), plan))
-    notes += tuple(loader_notes(plan, survey))
+    plan, turned = _turned_to_camera(plan, survey)
+    notes += (*turned, *loader_notes(plan, survey))
     return replace(guessed, plan=plan, notes=(*notes, *unused_notes(survey, plan, notes)))
 
 

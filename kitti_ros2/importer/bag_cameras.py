@@ -43,6 +43,7 @@ from ..messages.videos import (
 )
 from ..model import bag_formats as types
 from ..model.errors import BadFileError, MissingDataError, UsageError, format_count
+from ..model.lenses import MeiLens
 from ..model.streams import CAMERA_NAMES, GREY_CAMERAS, PngForm
 from .plan import X_FORWARD, CameraPlan
 from .survey import topic_of
@@ -605,7 +606,9 @@ def guess_cameras(
     if not rig.cameras:
         notes.append('missing: images (no camera)')
         return {}
-    cameras = _with_info(rig.cameras, notes)
+    cameras = _without_fisheyes(_with_info(rig.cameras, notes), notes)
+    if not cameras:
+        return {}
     chosen = _by_own_names(cameras)
     if not chosen and not any(camera.info is not None and camera.frame for camera in cameras):
         # Images without frames have no directions, and nothing is projected wrongly.
@@ -682,6 +685,19 @@ def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
         if camera.info is None
     ]
     return with_info
+
+
+def _without_fisheyes(cameras: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
+    """Return the cameras but those of a model that no CameraInfo of ROS describes (KITTI-360)."""
+    fisheyes = [
+        camera
+        for camera in cameras
+        if camera.info is not None
+        and camera.info.samples
+        and camera.info.samples[0].distortion_model == MeiLens.model
+    ]
+    notes += [f'passed over: {camera.topic.name}; it is a fisheye' for camera in fisheyes]
+    return [camera for camera in cameras if camera not in fisheyes]
 
 
 def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:
@@ -851,7 +867,7 @@ class ImageConversion:
         rectifier = self._rectifiers.get(camera)
         compressed = hasattr(message, 'format')
         own = png_of(message) if compressed and rectifier is None else None
-        if own is not None and (form is PngForm.FAST or is_in_kitti_form(own)):
+        if own is not None and (form is not PngForm.KITTI or is_in_kitti_form(own)):
             try:
                 # png_of has checked its checksums.
                 image = parse_png(own, 'the message', len(own))

@@ -15,7 +15,13 @@ import numpy as np
 from ..bags.reader import Decoder, open_messages
 from ..messages.cdr import stamp_ns_of
 from ..messages.detections import frames_in
-from ..messages.moving_tree import MovingTree, PoseTrack, ProductTrack, TransformSeries
+from ..messages.moving_tree import (
+    MovingTree,
+    NearestTrack,
+    PoseTrack,
+    ProductTrack,
+    TransformSeries,
+)
 from ..messages.naming import LABEL_LINES
 from ..messages.oxts import poses_of, poses_of_link, read_transforms
 from ..messages.tf_tree import FIXED_FRAMES, find_body, plain
@@ -101,8 +107,17 @@ def _of_topics(survey: Survey, notes: list[str]) -> PosePlan | None:
             body = child_of(best)
             if best.name in own_topics():  # of base_link, also if its tree names it otherwise
                 body = ''
-            return PosePlan(best.name, body or _body(survey), best.frame_id)
+            interpolate = not _are_of_frames(best.name)
+            return PosePlan(
+                best.name, body or _body(survey), best.frame_id, interpolate=interpolate
+            )
     return None
+
+
+def _are_of_frames(topic: str) -> bool:
+    """Return whether poses are those of KITTI's frames by number, of which some may have none."""
+    row = own_topics().get(topic)
+    return row is not None and row.stream is Stream.POSE
 
 
 def _rank(topic: TopicSurvey, frame_ids: Collection[str]) -> tuple[bool, bool, bool, int]:
@@ -722,6 +737,8 @@ def read_motion(
         if drops:
             raise
         return PlannedMotion(tree=tree, notes=(*notes, str(error)))
+    if not plan.pose.interpolate:
+        track = NearestTrack(track, round(plan.tolerance_s * NS_PER_S))
     return PlannedMotion(track, tree, track if drops else None, tuple(notes))
 
 

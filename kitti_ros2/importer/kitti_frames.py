@@ -87,6 +87,7 @@ def check_types(plan: Plan, survey: Survey) -> None:
 _MS = 1e6
 _NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
 NO_FRAME = f'no frame is written here, for {_NO_POSE}'
+NO_OWN_POSE = 'no frame is written here, for it has no pose'
 NO_PACKET = f'no oxts is written here, for {_NO_POSE}'
 
 
@@ -234,7 +235,8 @@ def _complete(
     if track is not None:
         unknown = ~track.covers(frames.stamps_ns)
         lost = mask & unknown
-        where = _where_unposed(frames.stamps_ns[unknown], track)
+        gap = 'between poses too far apart' if plan.interpolates else 'between others'
+        where = _where_unposed(frames.stamps_ns[unknown], track, gap)
         mask &= _without(unknown, f'pose around them{where}', notes)
     return mask, lost, notes
 
@@ -339,8 +341,8 @@ def within_gaps(
     return stamps_ns[inside]
 
 
-def _where_unposed(stamps_ns: Int64Array, track: Track) -> str:
-    """Return where stamps without a pose are: before the first, after the last, or in gaps."""
+def _where_unposed(stamps_ns: Int64Array, track: Track, gap: str) -> str:
+    """Return where stamps without a pose are: before the first, after the last, or in a gap."""
     if not len(track):
         return ''
     first, last = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
@@ -350,7 +352,7 @@ def _where_unposed(stamps_ns: Int64Array, track: Track) -> str:
     counts = (
         (early, f'{early} before the first, at {first}'),
         (late, f'{late} after the last, at {last}'),
-        (between, f'{between} between poses too far apart'),
+        (between, f'{between} {gap}'),
     )
     counts_text = ', '.join(text for count, text in counts if count)
     return f' ({counts_text})' if counts_text else ''

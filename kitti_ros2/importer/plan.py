@@ -134,12 +134,15 @@ class PosePlan:
         world: The frame they are given in: that of the messages, or one that transforms join to it,
             such as map above odom.
         offset_s: As of the scan.
+        interpolate: Whether frames between two poses get one; otherwise each pose belongs to the
+            frame at its stamp, as those of KITTI and KITTI-360, and frames without one have none.
     """
 
     topic: str
     body: str
     world: str = ''
     offset_s: float = _quiet(0.0)
+    interpolate: bool = _quiet(value=True)
 
 
 @dataclass(frozen=True)
@@ -235,6 +238,11 @@ class Plan:
     def is_extract(self) -> bool:
         """Return whether the images stay unrectified."""
         return self.layout.traits.is_extract(self.name)
+
+    @property
+    def interpolates(self) -> bool:
+        """Return whether frames between two poses get one."""
+        return self.pose is None or self.pose.interpolate
 
 
 # The roles that topics of a bag play in a data set, a row each.

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..kitti.kitti_recording import rect_from_imu
 from ..messages.camera_info import camera_model
+from ..messages.naming import RECORDING, FrameNames
 from ..messages.tf_tree import differ
 from ..model import bag_formats as types
 from ..model.errors import KittiRos2Error, Loss, format_numbers
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 # A plan's calibration, applied to samples: points, images, boxes and poses.
 
 _REPORTED_LEVER_M = 0.05
+_OWN_CAMERA_0 = FrameNames(cameras={0: '0'}).camera(0)
+"""KITTI-360's rectified camera 0 in bags of to-bag, which have its frame without images, too."""
 
 
 class SensorRig:
@@ -73,6 +76,8 @@ class SensorRig:
         self._plan = plan = rig.plan
         self._rig = rig
         self._tree = rig.tree
+        is_own = RECORDING in survey.topics and _OWN_CAMERA_0 in self._tree.frames
+        self._own_camera_0 = _OWN_CAMERA_0 if is_own else ''
         self.calibrations = make_calibrations(rig)
         base = self._moving_base(survey, scan_frame, moving)
         self.scans = ScanConversion(rig, base)
@@ -138,6 +143,8 @@ class SensorRig:
                 self._tree, self._rig.calibrated, self._rig.others
             )
             return self._tree.transform(body, frame_id) @ frame_t_rect
+        if self._own_camera_0:
+            return self._tree.transform(body, self._own_camera_0)
         if self._plan.scan is not None:
             velo_t_rect = NOMINAL_CAM0_T_VELO.inverse()
             if self.calibrations.first is not None:
@@ -202,6 +209,8 @@ class SensorRig:
             return
         traits, position = plan.layout.traits, 'its nominal place on the scanner'
         if Stream.POSE in traits.streams:
+            if self._own_camera_0:
+                return
             position = position if plan.scan is not None else f'the origin of {plan.pose.body}'
             yield f'pose: of camera 0 at {position}, since there is no calibration'
         elif Stream.OXTS in traits.streams and plan.scan and not (plan.fix or plan.imu_frame):

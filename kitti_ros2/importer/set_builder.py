@@ -34,6 +34,7 @@ from .bag_videos import BagVideos
 from .clocks import clocked, oxts_losses
 from .kitti_frames import (
     NO_FRAME,
+    NO_OWN_POSE,
     NO_PACKET,
     Frames,
     ImportReport,
@@ -90,9 +91,11 @@ def camera_poses(
         return [None] * len(poses)
     # Maps may be far from their origin (UTM); subtracting first keeps all digits.
     near = Transform.from_translation(-start.translation)
-    first_cam0_t_near = (near @ start @ body_t_cam0).inverse()
+    # Not by transposes: calibrations of six digits are no exact rotations, and the first is 1.
+    mount = body_t_cam0.matrix()
+    first_cam0_t_near = np.linalg.inv((near @ start).matrix() @ mount)
     return [
-        None if pose is None else (first_cam0_t_near @ (near @ pose @ body_t_cam0)).matrix()[:3]
+        None if pose is None else (first_cam0_t_near @ (near @ pose).matrix() @ mount)[:3]
         for pose in poses
     ]
 
@@ -597,13 +600,15 @@ def _numbers(samples: Any, first: int) -> dict[int, int]:  # noqa: ANN401 - Int6
 
 _KITTI_IMAGES = re.compile(r'kitti', re.IGNORECASE)
 """In topics of KITTI's images in bags of to-bag, kitti2bag, kitti2mcap and others."""
+_KITTI_360_IMAGES = re.compile(r'kitti/camera_[0-3]/', re.IGNORECASE)
 
 
 def _png_form(plan: Plan) -> PngForm:
-    """Return KITTI's form if the topics of all images name KITTI."""
+    """Return the form of KITTI's or KITTI-360's files if the topics of all images name them."""
     topics = [camera.topic for camera in plan.cameras.values()]
-    are_kittis = bool(topics) and all(map(_KITTI_IMAGES.search, topics))
-    return PngForm.KITTI if are_kittis else PngForm.FAST
+    forms = {PngForm.KITTI_360: _KITTI_360_IMAGES, PngForm.KITTI: _KITTI_IMAGES}
+    named = (form for form, images in forms.items() if all(map(images.search, topics)))
+    return next(named, PngForm.FAST) if topics else PngForm.FAST
 
 
 _LABEL_DECIMALS = 4  # a tenth of a millimetre: boxes of programs are finer than hand-made ones
@@ -635,7 +640,8 @@ def build(
         frames = target.excerpt.of(frames)
     rigs = SensorRigs(plan, survey, frames, motion.tree)
     packets = PacketMaker(plan, survey, frames, rigs.first, motion)
-    for stamps_ns, reason in ((frames.unposed_ns, NO_FRAME), (packets.lost_ns, NO_PACKET)):
+    unposed = NO_FRAME if plan.interpolates else NO_OWN_POSE
+    for stamps_ns, reason in ((frames.unposed_ns, unposed), (packets.lost_ns, NO_PACKET)):
         for stamp_ns in stamps_ns.tolist():
             losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..model.errors import MissingDataError
 from ..model.geometry import Transform
+from ..model.samples import default_tolerance_ns, nearest_stamps
 from ..model.streams import NS_PER_S
 from .tf_tree import FrameTree, plain
 
@@ -148,6 +149,40 @@ class PoseTrack:
 
     def _pose(self, index: np.intp) -> Transform:
         return self._transforms[int(self._indices[index])]
+
+
+class NearestTrack:
+    """The poses of a track at their own stamps; nothing is known between them.
+
+    Args:
+        track: The track.
+        tolerance_ns: How far stamps may be from those of the poses; at most half their period.
+    """
+
+    def __init__(self, track: Track, tolerance_ns: int) -> None:
+        self._track = track
+        self.stamps_ns = track.stamps_ns
+        self._tolerance_ns = min(tolerance_ns, default_tolerance_ns(track.stamps_ns))
+
+    def __len__(self) -> int:
+        return len(self._track)
+
+    def at(self, stamps_ns: Int64Array) -> list[Transform | None]:
+        """Return the pose nearest to each of (M,) stamps, None where it is too far."""
+        known = self.covers(stamps_ns)
+        if not known.any():
+            return [None] * len(stamps_ns)
+        nearest, _ = nearest_stamps(self.stamps_ns, stamps_ns)
+        poses = self._track.at(self.stamps_ns[nearest])
+        return [pose if near else None for pose, near in zip(poses, known.tolist(), strict=True)]
+
+    def covers(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
+        """Return (M,) whether a pose is near each of (M,) stamps."""
+        if not len(self):
+            return np.zeros(len(stamps_ns), dtype=np.bool_)
+        _, later_ns = nearest_stamps(self.stamps_ns, stamps_ns)
+        near: npt.NDArray[np.bool_] = np.abs(later_ns) <= self._tolerance_ns
+        return near
 
 
 def interpolate(start: Transform, end: Transform, share: float) -> Transform:
