@@ -303,6 +303,7 @@ class GroundTruth:
         frames: Its frames by stamp; None without stamps.
         links: Static transforms up to camera 0; empty without a calibration.
         epoch_ns: Stamp of second 0 in recordings without absolute time; None for others.
+        listed: Whether the poses are listed by frame number, of those frames that have one.
     """
 
     name: str
@@ -310,21 +311,33 @@ class GroundTruth:
     frames: StampedFrames | None = None
     links: Sequence[Link] = ()
     epoch_ns: int | None = None
+    listed: bool = False
+
+
+_KITTI_360_POSES = names.KITTI_360_PARTS[2]
+_Z_DOWN = -0.2
 
 
 def truth_of_file(path: Path, read: ReadOptions) -> GroundTruth:
     """Read a poses file; stamps and calibration are read from the folder of its sequence, if any.
 
+    KITTI-360's poses.txt, of the GPS/IMU, is read with its drive.
+
     Raises:
         KittiRos2Error: There are no poses.
         OSError: It cannot be read.
     """
+    if path.name == names.KITTI_360_POSES[0] and path.parent.parent.name == _KITTI_360_POSES:
+        return truth_of_folder(open_recording(path.parent, replace(read, layout=None)))
     trajectory = read_trajectory(path)
     if trajectory.numbers is None:
         raise UsageError(
             f'{path}: is a TUM file; as ground truth give a poses file of KITTI, the folder of a'
             f' sequence or drive, or a bag'
         )
+    if not trajectory.by_line:
+        notes = (*trajectory.notes, *_z_down(trajectory))
+        return GroundTruth(path.stem, replace(trajectory, notes=notes), listed=True)
     folder = path.parent.parent / names.SEQUENCES / path.stem
     if path.parent.name != names.POSES or not folder.is_dir():
         return GroundTruth(path.stem, trajectory)
@@ -338,6 +351,18 @@ def truth_of_file(path: Path, read: ReadOptions) -> GroundTruth:
         return GroundTruth(path.stem, trajectory, links=beside.links)
     timed = replace(trajectory, stamps_ns=beside.trajectory.stamps_ns)
     return replace(beside, name=path.stem, trajectory=timed)
+
+
+def _z_down(trajectory: CameraTrajectory) -> tuple[str, ...]:
+    """Return a note on poses that are not of a camera: KITTI-360's poses.txt out of its folder."""
+    if (trajectory.poses[:, 2, 2] > _Z_DOWN).any():
+        return ()
+    note = (
+        f'{trajectory.source}: z of its frames points down, as in poses.txt of KITTI-360, of the'
+        f' GPS/IMU, and they are taken as those of camera 0; give cam0_to_world.txt, or the folder'
+        f' of the drive'
+    )
+    return (note,)
 
 
 def truth_of_folder(recording: KittiRecording) -> GroundTruth:
@@ -394,8 +419,9 @@ def truth_of_recording(
         losses=tuple(losses),
         notes=tuple(f'{part}: not known, a nominal value is used' for part in nominal),
     )
-    links = kitti_links(calibration, base_t_imu)
-    return GroundTruth(recording.name, trajectory, posed_frames_of(recording), links, epoch_ns)
+    links, frames = kitti_links(calibration, base_t_imu), posed_frames_of(recording)
+    listed = Stream.POSE in recording.layout.traits.numbered_lines
+    return GroundTruth(recording.name, trajectory, frames, links, epoch_ns, listed)
 
 
 # The boxes of label files or result files, by frame.

@@ -238,7 +238,7 @@ def match_result(
         UsageError: No pose belongs to a frame to score, or the ground truth has no stamps.
     """
     if result.numbers is not None:
-        match = _by_number(numbers, result.numbers, result.source)
+        match = _by_number(truth, numbers, result)
     else:
         match = _by_stamp(truth, numbers, result, tolerance_ns)
     if not scored.all():
@@ -253,7 +253,9 @@ def match_result(
     return replace(match, losses=(loss, *match.losses))
 
 
-def _by_number(numbers: Int64Array, result_numbers: Int64Array, source: str) -> FrameMatch:
+def _by_number(truth: GroundTruth, numbers: Int64Array, result: CameraTrajectory) -> FrameMatch:
+    result_numbers, source = np.asarray(result.numbers), result.source
+    notes = _check_lines(numbers, result) if truth.listed else ()
     nearest = np.minimum(np.searchsorted(result_numbers, numbers), len(result_numbers) - 1)
     indices = np.where(result_numbers[nearest] == numbers, nearest, NONE)
     if (indices == NONE).all():
@@ -263,8 +265,28 @@ def _by_number(numbers: Int64Array, result_numbers: Int64Array, source: str) -> 
         )
     others = tuple(np.setdiff1d(result_numbers, numbers).tolist())
     text = f'{source}: the ground truth has no frames {{}}'
-    losses = (Loss('result', len(others), text, others),) if others else ()
-    return FrameMatch(indices, 'frame number', losses=losses)
+    if others and truth.listed:
+        notes = (*notes, f'{text.format(format_numbers(others))}; they are not scored')
+    losses = (Loss('result', len(others), text, others),) if others and not truth.listed else ()
+    return FrameMatch(indices, 'frame number', losses=losses, notes=notes)
+
+
+def _check_lines(numbers: Int64Array, result: CameraTrajectory) -> tuple[str, ...]:
+    """Check that the lines of a result can be frames, where the ground truth lacks some.
+
+    Raises:
+        UsageError: There are fewer lines than frames: which they are is not known.
+    """
+    frames = int(numbers[-1]) + 1
+    if not result.by_line or np.array_equal(numbers, range(frames)):
+        return ()
+    if len(result) < frames:
+        raise UsageError(
+            f'{result.source}: {format_count(len(result), "pose")} without frame numbers, and the'
+            f' ground truth lists {describe_frames(numbers)}, {len(numbers)} of {frames}: which'
+            f' line is which frame is not known; write the frame number first in each line'
+        )
+    return (f'{result.source}: has no frame numbers; line n, from 0, is taken as frame n',)
 
 
 def _by_stamp(

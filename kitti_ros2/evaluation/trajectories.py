@@ -46,17 +46,20 @@ if TYPE_CHECKING:
 # Trajectories and their text files.
 #
 # - KITTI's poses file: twelve numbers a line, a row-major 3x4 matrix; line n is frame n. Some tools
-#   write the frame number before them, which is a line of thirteen.
+#   write the frame number before them, which is a line of thirteen. KITTI-360's cam0_to_world.txt
+#   has it before a 4x4 matrix, seventeen numbers.
 # - TUM: stamp in seconds, x y z, and the quaternion x y z w; lines that begin with # are comments.
 
-_WHOLE = 17  # columns of cam0_to_world.txt of KITTI-360
+_BY_LINE, _WHOLE = 12, 17  # columns of poses/NN.txt, and of cam0_to_world.txt of KITTI-360
 _FARTHEST_M = 1e9
 _QUATERNION = 1e-2
 """Tolerance of the length of a quaternion, as in tf2."""
 _ROTATION = 0.1
 """Tolerance of R^T R; the devkit accepts any matrix, and products of many are not exact."""
 _REPORTED_ROTATION = 1e-3
-EXPECTED = '12 numbers a line (KITTI), 13 (frame number first) or 8 (TUM: stamp x y z qx qy qz qw)'
+EXPECTED = (
+    '12 numbers a line (KITTI), 13 or 17 (frame number first) or 8 (TUM: stamp x y z qx qy qz qw)'
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +75,7 @@ class CameraTrajectory:
         frame_T_cam0: (4, 4) camera 0 in the frame whose poses they were; None if they were its own.
         losses: Unusable lines.
         notes: One line each.
+        by_line: Whether the numbers are those of lines, from 0, because there are no others.
     """
 
     source: str
@@ -82,6 +86,7 @@ class CameraTrajectory:
     frame_T_cam0: Float64Array | None = None
     losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
+    by_line: bool = False
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -144,6 +149,7 @@ def read_trajectory(path: Path) -> CameraTrajectory:
         stamps_ns=ascending if form.timed else None,
         losses=tuple(losses),
         notes=tuple(notes),
+        by_line=columns == _BY_LINE,
     )
 
 
@@ -284,7 +290,7 @@ class _PoseFormat:
 
 
 _FORMATS = {
-    12: _PoseFormat('poses file', _parse_kitti, 'twelve numbers, a 3x4 pose matrix'),
+    _BY_LINE: _PoseFormat('poses file', _parse_kitti, 'twelve numbers, a 3x4 pose matrix'),
     13: _PoseFormat('poses file with frame numbers', _parse_numbered, 'a frame number and a pose'),
     _WHOLE: _PoseFormat('cam0_to_world.txt', _parse_numbered, 'a frame number and a 4x4 matrix'),
     8: _PoseFormat('TUM file', _parse_tum, 'stamp x y z qx qy qz qw', timed=True),
@@ -460,7 +466,7 @@ def segment_errors(
     left_out = int(np.count_nonzero(~scored))
     first, last, lengths = first[scored], last[scored], lengths[scored]
     errors = np.linalg.inv(_between(result, first, last)) @ _between(ground_truth, first, last)
-    frames = (last - first + 1).astype(np.float32)
+    frames = (numbers[last] - numbers[first] + 1).astype(np.float32)
     return SegmentErrors(
         first,
         last,

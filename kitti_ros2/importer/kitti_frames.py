@@ -85,10 +85,13 @@ def check_types(plan: Plan, survey: Survey) -> None:
 # The frames of a plan, and the sample of each stream in each.
 
 _MS = 1e6
+NO_FRAME, NO_PACKET = 'no frame is written here', 'no oxts is written here'
 _NO_POSE = f'no poses before and after it are at most {MAX_GAP_NS / NS_PER_S:g} s apart'
-NO_FRAME = f'no frame is written here, for {_NO_POSE}'
-NO_OWN_POSE = 'no frame is written here, for it has no pose'
-NO_PACKET = f'no oxts is written here, for {_NO_POSE}'
+
+
+def why_unposed(plan: Plan) -> str:
+    """Return why a frame has no pose."""
+    return _NO_POSE if plan.interpolates else 'it has no pose of its own'
 
 
 @dataclass(frozen=True, eq=False)

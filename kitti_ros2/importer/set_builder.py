@@ -34,13 +34,13 @@ from .bag_videos import BagVideos
 from .clocks import clocked, oxts_losses
 from .kitti_frames import (
     NO_FRAME,
-    NO_OWN_POSE,
     NO_PACKET,
     Frames,
     ImportReport,
     choose_frames,
     frame_topics,
     undecoded_losses,
+    why_unposed,
     with_indices,
 )
 from .oxts_packets import PacketMaker
@@ -640,10 +640,10 @@ def build(
         frames = target.excerpt.of(frames)
     rigs = SensorRigs(plan, survey, frames, motion.tree)
     packets = PacketMaker(plan, survey, frames, rigs.first, motion)
-    unposed = NO_FRAME if plan.interpolates else NO_OWN_POSE
-    for stamps_ns, reason in ((frames.unposed_ns, unposed), (packets.lost_ns, NO_PACKET)):
+    topic, why = plan.pose.topic if plan.pose else '', why_unposed(plan)
+    for stamps_ns, missing in ((frames.unposed_ns, NO_FRAME), (packets.lost_ns, NO_PACKET)):
         for stamp_ns in stamps_ns.tolist():
-            losses.lose(plan.pose.topic if plan.pose else '', stamp_ns, reason)
+            losses.lose(topic, stamp_ns, f'{missing}, for {why}')
     written = WriteOptions(_LABEL_DECIMALS, options.train_fraction)
     with make_writer(plan.layout, target.stage, plan.name, written) as writer:
         samples = SampleWriter(plan, frames, rigs, writer, target.first, options)
