@@ -169,12 +169,12 @@ class NearestTrack:
 
     def at(self, stamps_ns: Int64Array) -> list[Transform | None]:
         """Return the pose nearest to each of (M,) stamps, None where it is too far."""
-        known = self.covers(stamps_ns)
-        if not known.any():
+        covered = self.covers(stamps_ns)
+        if not covered.any():
             return [None] * len(stamps_ns)
         nearest, _ = nearest_stamps(self.stamps_ns, stamps_ns)
         poses = self._track.at(self.stamps_ns[nearest])
-        return [pose if near else None for pose, near in zip(poses, known.tolist(), strict=True)]
+        return [pose if near else None for pose, near in zip(poses, covered.tolist(), strict=True)]
 
     def covers(self, stamps_ns: Int64Array) -> npt.NDArray[np.bool_]:
         """Return (M,) whether a pose is near each of (M,) stamps."""
