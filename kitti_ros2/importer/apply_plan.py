@@ -22,7 +22,6 @@ from ..kitti.opening import keep_all_but_camera_sets, keep_all_but_data_sets
 from ..kitti.store import STORE
 from ..messages.naming import CALIBRATION, LABEL_LINES
 from ..messages.tf_tree import describe_direction
-from ..messages.topics import own_topics
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError, either
 from ..model.streams import NS_PER_S, Layout, Stream
@@ -290,13 +289,8 @@ def _turned_scan_notes(plan: Plan, survey: Survey) -> Iterator[str]:
 
 
 def _turned_to_camera(plan: Plan, survey: Survey) -> tuple[Plan, tuple[str, ...]]:
-    """Turn the scans of an object set of KITTI-360, by 2.5 degrees, to its camera; with a note.
-
-    Its bags have KITTI's topics, with cameras of other numbers.
-    """
-    own = {index: own_topics().get(camera.topic) for index, camera in plan.cameras.items()}
-    others = [index for index, row in own.items() if row and row.stream.camera != index]
-    if not (plan.layout.traits.frame_set and plan.scan and others):
+    """Turn the scans of an object set of KITTI-360, by 2.5 degrees, to its camera; with a note."""
+    if not (plan.layout.traits.frame_set and plan.scan and survey.kitti_360_camera):
         return plan, ()
     axis = _camera_in_scan(plan, survey)
     degrees = 0.0 if axis is None else np.degrees(np.arctan2(axis[1], axis[0]))

@@ -366,8 +366,9 @@ def others_note(topic: str, others: Mapping[str, int], done: str) -> list[str]:
 
 
 def is_own(survey: Survey, topic: str) -> bool:
-    """Return whether a topic was written by to-bag."""
-    return RECORDING in survey.topics and topic in own_topics()
+    """Return whether a topic was written by to-bag, with KITTI's classes; not of KITTI-360."""
+    own = RECORDING in survey.topics and topic in own_topics()
+    return own and not survey.kitti_360_camera
 
 
 def default_classes(names: Iterable[str]) -> dict[str, str]:

@@ -14,7 +14,6 @@ import numpy as np
 
 from ..kitti.kitti_recording import rect_from_imu
 from ..messages.camera_info import camera_model
-from ..messages.naming import RECORDING, FrameNames
 from ..messages.tf_tree import differ
 from ..model import bag_formats as types
 from ..model.errors import KittiRos2Error, Loss, format_numbers
@@ -43,8 +42,6 @@ if TYPE_CHECKING:
 # A plan's calibration, applied to samples: points, images, boxes and poses.
 
 _REPORTED_LEVER_M = 0.05
-_OWN_CAMERA_0 = FrameNames(cameras={0: '0'}).camera(0)
-"""KITTI-360's rectified camera 0 in bags of to-bag, which have its frame without images, too."""
 
 
 class SensorRig:
@@ -76,8 +73,7 @@ class SensorRig:
         self._plan = plan = rig.plan
         self._rig = rig
         self._tree = rig.tree
-        is_own = RECORDING in survey.topics and _OWN_CAMERA_0 in self._tree.frames
-        self._own_camera_0 = _OWN_CAMERA_0 if is_own else ''
+        self._own_camera_0 = survey.kitti_360_camera
         self.calibrations = make_calibrations(rig)
         base = self._moving_base(survey, scan_frame, moving)
         self.scans = ScanConversion(rig, base)

@@ -25,7 +25,7 @@ from ..kitti.names import OTHER_RIGS
 from ..messages.cdr import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
-from ..messages.naming import CALIBRATION, RECORDING
+from ..messages.naming import CALIBRATION, RECORDING, FrameNames
 from ..messages.oxts import has_motion, position_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.source_texts import decode_texts
@@ -44,7 +44,7 @@ from ..model.bag_formats import (
     VIDEOS,
 )
 from ..model.errors import Loss, UsageError, did_you_mean
-from ..model.streams import NS_PER_S
+from ..model.streams import NS_PER_S, Layout
 from .plan import LABELS, ROLES, VELOCITY
 
 if TYPE_CHECKING:
@@ -437,6 +437,16 @@ class Survey:
     def tree(self) -> FrameTree:
         """The tree of all links."""
         return FrameTree(self.static, self.moving)
+
+    @property
+    def kitti_360_camera(self) -> str:
+        """The frame of the rectified camera 0 in a bag of KITTI-360 by to-bag; empty in others.
+
+        It is there without images, too.
+        """
+        frame_id = FrameNames(cameras=Layout.KITTI_360.traits.camera_names).camera(0)
+        is_own = RECORDING in self.topics and frame_id in self.tree.frames
+        return frame_id if is_own else ''
 
     def tree_with(self, static: Sequence[Link], lost: str = '') -> FrameTree:
         """Return the tree of all links and more static ones.
