@@ -17,14 +17,14 @@ from ..kitti.archives import day_of_drive
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.store import STORE
 from ..messages.camera_info import PLUMB_BOB, RATIONAL
-from ..messages.naming import CALIBRATION, PRESETS
+from ..messages.naming import CALIBRATION, PRESETS, FrameNames
 from ..messages.rectified_cameras import angle_of, viewpoints
 from ..messages.tf_tree import AXES, find_body, known_heading
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import BadFileError, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import LEFT_OF, Calibration, CameraCalibration
-from ..model.streams import CAMERA_NAMES
+from ..model.streams import CAMERA_NAMES, Layout
 from .bag_cameras import camera_of, of_images, other_cameras
 from .plan import NONE, SOURCE, TF
 from .survey import topic_of
@@ -242,6 +242,9 @@ _KITTI_FRAMES = [
     {index: naming.frames_of({}).camera(index) for index in CAMERA_NAMES}
     for naming in PRESETS.values()
 ]
+_KITTI_360 = FrameNames(cameras=Layout.KITTI_360.traits.camera_names)
+_KITTI_FRAMES += [{index: _KITTI_360.camera(index % 2) for index in CAMERA_NAMES}]
+"""KITTI-360's cameras 0 and 1 are both pairs."""
 
 
 def link_to_camera_0(tree: FrameTree, cameras: Mapping[int, CameraModel]) -> Sequence[Link]:
@@ -417,7 +420,8 @@ class PlannedRig:
         optical = [*links, *optical_links(plan, survey)]
         self.tree = survey.tree_with(optical, lost)
         self.plan, made = make_forward_frame(plan, self.tree, self.models, self.others)
-        may_be_kittis = self.models and not self.others and plan.scan and not plan.is_extract
+        only_kittis = not self.others or survey.kitti_360_camera
+        may_be_kittis = self.models and only_kittis and plan.scan and not plan.is_extract
         if may_be_kittis:
             made = [*made, *link_to_camera_0(self.tree, self.models)]
         if made:

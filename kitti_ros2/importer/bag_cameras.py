@@ -638,7 +638,7 @@ def guess_camera_sets(
             (behind a joint that moves) have no calibration; unless none is joined.
         notes: A note on each camera without a set is added.
     """
-    with_info = _with_info(rig.cameras, notes)
+    with_info = _without_fisheyes(_with_info(rig.cameras, notes), notes)
     cameras = [camera for camera in with_info if camera.focal] or with_info
     notes += [
         f'passed over: {camera.topic.name}; its camera_info is not calibrated'
