@@ -394,9 +394,11 @@ def truth_of_recording(
         )
     calibration = recording.calibration(int(index.numbers[0]))
     imu_t_cam0 = np.linalg.inv(rect_from_imu(calibration).matrix())
-    nominal = list(calibration.nominal) if Stream.OXTS in recording.streams else []
-    if calibration.cam0_T_velo is None:
-        nominal.append('cam0_T_velo')
+    listed = Stream.POSE in recording.layout.traits.numbered_lines
+    of_imu = listed or Stream.OXTS in recording.streams
+    nominal = list(calibration.nominal) if of_imu else []
+    parts = {'cam0_T_velo': calibration.cam0_T_velo, 'r0_rect': calibration.r0_rect}
+    nominal += [part for part, value in parts.items() if value is None and part not in nominal]
     about = {Stream.POSE.value, recording.root.name}
     losses = [loss for loss in recording.losses if loss.stream in about]
     rows, poses = [], []
@@ -420,7 +422,6 @@ def truth_of_recording(
         notes=tuple(f'{part}: not known, a nominal value is used' for part in nominal),
     )
     links, frames = kitti_links(calibration, base_t_imu), posed_frames_of(recording)
-    listed = Stream.POSE in recording.layout.traits.numbered_lines
     return GroundTruth(recording.name, trajectory, frames, links, epoch_ns, listed)
 
 

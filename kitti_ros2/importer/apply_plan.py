@@ -25,7 +25,7 @@ from ..messages.tf_tree import describe_direction
 from ..model.bag_formats import TF_TYPES
 from ..model.errors import KittiRos2Error, LossTally, UnsynchronisedError, UsageError, either
 from ..model.streams import NS_PER_S, Layout, Stream
-from .bag_calibration import CAMERA, LEVEL, PlannedRig, optical_axis
+from .bag_calibration import CAMERA, LEVEL, PlannedRig, nominal_mounts, optical_axis
 from .bag_poses import PlannedMotion, read_motion
 from .box_labels import is_own
 from .clocks import clock_notes, clocked
@@ -357,7 +357,9 @@ def guess(bags: Sequence[BagSource], survey: Survey, options: ImportOptions) -> 
     notes += (*lost_description(survey), *clock_notes(clocked(survey, plan), plan))
     plan, turned = _turned_to_camera(plan, survey)
     notes += (*turned, *loader_notes(plan, survey))
-    return replace(guessed, plan=plan, notes=(*notes, *unused_notes(survey, plan, notes)))
+    losses = (*guessed.losses, *nominal_mounts(survey))
+    notes = (*notes, *unused_notes(survey, plan, notes))
+    return replace(guessed, plan=plan, notes=notes, losses=losses)
 
 
 def adapt(plan: Plan, options: ImportOptions) -> Plan:

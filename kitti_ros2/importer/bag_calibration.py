@@ -15,13 +15,14 @@ from ..files.remote import as_path
 from ..kitti import names
 from ..kitti.archives import day_of_drive
 from ..kitti.calib_file import parse_calibration, parse_raw_calibration
+from ..kitti.kitti360_calib import parse_kitti360_calibration
 from ..kitti.store import STORE
 from ..messages.camera_info import PLUMB_BOB, RATIONAL
 from ..messages.naming import CALIBRATION, PRESETS, FrameNames
 from ..messages.rectified_cameras import angle_of, viewpoints
 from ..messages.tf_tree import AXES, find_body, known_heading
 from ..model.bag_formats import TF_TYPES
-from ..model.errors import BadFileError, MissingDataError, UsageError
+from ..model.errors import BadFileError, Loss, MissingDataError, UsageError
 from ..model.geometry import NOMINAL_CAM0_T_VELO, NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import LEFT_OF, Calibration, CameraCalibration
 from ..model.streams import CAMERA_NAMES, Layout
@@ -434,6 +435,8 @@ class PlannedRig:
 # The calibrations of a plan, from their source, and selection of the one valid at a frame.
 
 _IMU_LINK = 'imu_link'
+_MOUNTS = (*names.KITTI_360_CALIB[:3], 'P0', 'R0_rect')
+"""Parts of KITTI-360's calibration that mounts are made of: files, and keys in them."""
 _AHEAD = 0.7  # cosine: KITTI's imu has the axes of the scanner, but for a degree
 
 
@@ -499,6 +502,20 @@ def make_calibrations(rig: PlannedRig) -> Calibrations:
         others=rig.others,
     )
     return Calibrations((0,), (calibration,), notes)
+
+
+def nominal_mounts(survey: Survey) -> tuple[Loss, ...]:
+    """Return the mounts of KITTI-360's rig that its files lacked when to-bag wrote a bag.
+
+    The static transforms have nominal ones in their place.
+    """
+    texts = {PurePosixPath(file.name).name: file.text for file in survey.other_rig}
+    missing = parse_kitti360_calibration(texts, Path(CALIBRATION)).missing if texts else {}
+    reasons = [missing[part] for part in _MOUNTS if part in missing]
+    return tuple(
+        Loss(CALIBRATION, 1, f'{reason}; the bag has a nominal value')
+        for reason in dict.fromkeys(reasons)
+    )
 
 
 def _imu_link(tree: FrameTree, scan_frame: str | None) -> str | None:

@@ -420,6 +420,8 @@ class Survey:
         clashes: Links that are of several robots, each with the topics of two.
         tracklets: A raw drive in a bag written by to-bag: its boxes by stamp and track, whose
             occlusion and truncation no message has.
+        other_rig: The calibration files of another rig than KITTI's in a bag written by to-bag,
+            whose CameraInfo and static transforms have its numbers.
     """
 
     topics: Mapping[str, TopicSurvey]
@@ -432,6 +434,7 @@ class Survey:
     left_out: Sequence[tuple[StoredChannel, Loss]] = ()
     clashes: Mapping[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
     tracklets: Mapping[int, Mapping[int, Cuboid]] = field(default_factory=dict)
+    other_rig: Sequence[TextFile] = ()
 
     @cached_property
     def tree(self) -> FrameTree:
@@ -542,6 +545,7 @@ class _SurveyPass:
         self._topics = {name: TopicSurvey(name, msgtype) for name, msgtype in messages.channels}
         self._links = LinkTally()
         self._calibrations: list[tuple[int, TextFile]] = []
+        self._other_rig: list[TextFile] = []
         self._forward = ForwardStamps()
         # Scans of to-bag are stamped facing forward.
         self._is_own = RECORDING in self._topics
@@ -580,7 +584,7 @@ class _SurveyPass:
         losses = {**losses, **invalid}
         static, moving, _ = self._links.sorted()
         results = static, moving, self._links.changes(), self._calibrations, notes, losses, left_out
-        return Survey(self._topics, *results, self._links.clashes)
+        return Survey(self._topics, *results, self._links.clashes, other_rig=self._other_rig)
 
     def _take(self, message: BagMessage) -> None:
         topic = self._topics[message.topic]
@@ -605,11 +609,11 @@ class _SurveyPass:
 
     def _take_calibration(self, topic: TopicSurvey, stamp_ns: int, text: Any) -> None:  # noqa: ANN401
         try:
-            self._calibrations += [
-                (stamp_ns, file)
-                for file in decode_texts(text)
-                if PurePosixPath(file.name).name not in OTHER_RIGS
-            ]
+            for file in decode_texts(text):
+                if PurePosixPath(file.name).name in OTHER_RIGS:
+                    self._other_rig.append(file)
+                else:
+                    self._calibrations.append((stamp_ns, file))
         except ValueError as error:
             topic.fail(error)
 
