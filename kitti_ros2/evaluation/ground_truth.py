@@ -390,7 +390,7 @@ def truth_of_recording(
     if index is None:
         raise MissingDataError(
             f'{recording.root}: {recording.name} has no poses; the ground truth is poses/NN.txt of'
-            f' odometry, or oxts of raw drives and tracking'
+            f' odometry, poses.txt of KITTI-360, or oxts of raw drives and tracking'
         )
     calibration = recording.calibration(int(index.numbers[0]))
     imu_t_cam0 = np.linalg.inv(rect_from_imu(calibration).matrix())
