@@ -270,8 +270,9 @@ def eval_odometry(
 
     Segments of 100 to 800 m as the odometry devkit computes them, in % and deg/m. Poses are
     converted to the rectified camera 0, and matched by frame number or by stamp. A poses file has
-    12 numbers a line, or 13 with the frame number first. Frames without a pose are listed (exit
-    code 1). With --all: each file and bag of RESULT to OUT/NAME.json, then all together.
+    12 numbers a line, or 13 with the frame number first, as a result of KITTI-360 needs. Frames
+    without a pose are listed (exit code 1). With --all: each file and bag of RESULT to
+    OUT/NAME.json, then all together.
 
     Examples:
       kitti-ros2 eval odometry poses/09.txt results/09.txt -o 09.png

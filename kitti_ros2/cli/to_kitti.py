@@ -559,9 +559,9 @@ def to_kitti(
 ) -> int:
     """Write bags (MCAP, sqlite3, ROS 1) as a KITTI data set.
 
-    A bag written by to-bag becomes the original recording; others are converted by a plan. In a
-    terminal, a bag without OUT shows the plan: which topic becomes what. With --all: every bag
-    below BAG, to OUT/NAME.
+    A bag written by to-bag becomes the original recording; others, and with another --layout also
+    such a bag (of KITTI-360), are converted by a plan. In a terminal, a bag without OUT shows the
+    plan: which topic becomes what. With --all: every bag below BAG, to OUT/NAME.
 
     Examples:
       kitti-ros2 to-kitti drive_0005.mcap raw_data
