@@ -14,6 +14,7 @@ from ..drawing.labelled_objects import colour_pixels
 from ..files.image_files import decode_image, encode_png, parse_image
 from ..files.remote import as_path
 from ..kitti import names
+from ..kitti.kitti360_boxes import WorldBox, parse_world_boxes
 from ..kitti.label_file import (
     Tracklet,
     format_object_labels,
@@ -299,6 +300,25 @@ def write_tracklets(path: AnyPath, tracklets: Iterable[Tracklet]) -> None:
     """Write tracklet_labels.xml; the inverse of read_tracklets."""
     with file_at(path) as file:
         STORE.write_text(file, format_tracklets(tracklets))
+
+
+def read_world_boxes(path: AnyPath) -> list[WorldBox]:
+    """Read data_3d_bboxes/train/*.xml of KITTI-360: boxes in the world of its poses.
+
+    Objects that are no boxes, such as the ground of train_full, are left out.
+
+    Returns:
+        A WorldBox for each: metres, x east, y north, z up. Not proved on files of the data set, of
+        which none was at hand.
+
+    Raises:
+        KittiRos2Error: The file is missing, or an object is invalid.
+    """
+    with file_at(path) as file:
+        boxes, errors, _ = parse_world_boxes(STORE.read(file), file)
+    for error in errors:
+        raise error
+    return boxes
 
 
 def _all(lines: Lines[T]) -> list[T]:

@@ -489,7 +489,6 @@ def read_boxes(
 # The labels of the ground truth: label files, or the labels of a recording.
 
 _STREAM = 'ground truth'
-_CAMERA = 2
 
 
 def read_ground_truth(
@@ -625,7 +624,7 @@ def _boxes_of(
     number: int,
     tracks: TrackIds,
 ) -> list[Box]:
-    """Return the labels of a frame; those of tracklets are projected into camera 2.
+    """Return the labels of a frame; those of tracklets are projected into the main camera.
 
     Raises:
         ValueError: A required part of the calibration is missing.
@@ -633,10 +632,11 @@ def _boxes_of(
     if not labels.cuboids:
         return [box for box in labels.boxes if box is not None]
     calibration = recording.calibration(number)
-    camera = calibration.cameras.get(_CAMERA)
+    index = recording.layout.traits.main_camera
+    camera = calibration.cameras.get(index)
     if camera is None or camera.size is None:
-        raise ValueError(f'{recording.name}: camera {_CAMERA} has no calibration with image size')
-    image = ImageOf(_CAMERA, camera.size)
+        raise ValueError(f'{recording.name}: camera {index} has no calibration with image size')
+    image = ImageOf(index, camera.size)
     # The benchmark limits the truncated part, of which tracklets have a level.
     cuboids = [replace(cuboid, truncation=None) for cuboid in labels.cuboids]
     return make_boxes(cuboids, calibration, image, tracks)[0]

@@ -334,6 +334,8 @@ def _(recording: Kitti360Recording) -> RecordingTree:
     of_drive = [root / part / name for part in names.KITTI_360_PARTS]
     folders = [*of_drive, root / names.KITTI_360_CALIBRATION]
     parts = tuple((path, _below_root(path, root)) for path in folders if path.is_dir())
+    parts += tuple((text, _below_root(text, root)) for text in recording.text_paths()
+                   if text.parts[len(root.parts)] == names.KITTI_360_BOXES)  # fmt: skip
     drive = root / names.KITTI_360_PARTS[1] / name
     scan_root = drive / names.RAW_SCANS
     scans = _list_scans(recording, scan_root / names.RAW_DATA)

@@ -7,6 +7,8 @@
     data_2d_raw/DRIVE/image_02 and image_03/{data_rgb/%010d.png,timestamps.txt}
     data_3d_raw/DRIVE/velodyne_points/{data/%010d.bin,timestamps.txt}
     data_poses/DRIVE/{poses.txt,cam0_to_world.txt}
+    data_poses/DRIVE/oxts/{data/%010d.txt,timestamps.txt}
+    data_3d_bboxes/{train,train_full}/DRIVE.xml
 
 A number is the same time in all streams, at 9.57 Hz. Scans are as measured, not compensated for
 motion; there are no files of the starts and ends of turns.
@@ -14,7 +16,8 @@ motion; there are no files of the starts and ends of turns.
 Poses are listed by frame number, and only for frames before which the car moved: never for frame 0,
 and not for all others. poses.txt is the GPS/IMU (x forward, y right, z down) in a world of x east,
 y north, z up; cam0_to_world.txt is the *rectified* camera 0, with fewer digits. Source: KITTI-360's
-documentation, its authors' scripts, and the files of 11 drives.
+documentation, its authors' scripts, and the files of 11 drives; of boxes and packets, of which no
+file was at hand, the scripts alone.
 """
 
 from __future__ import annotations
@@ -28,13 +31,16 @@ import numpy as np
 
 from ..model.errors import BadFileError, describe_error, format_count, runs_of
 from ..model.geometry import Transform
-from ..model.samples import Pose, TextFile
+from ..model.samples import FrameLabels, Pose, TextFile, Trails
 from ..model.streams import Clock, Layout, Stream
 from . import names
 from .archives import describe_source
+from .kitti360_boxes import LEAST_POINTS, BoxIndex, describe_shapes, parse_world_boxes
 from .kitti360_calib import UPRIGHT, format_kitti360_calibration, parse_kitti360_calibration
 from .kitti_recording import KittiRecording, no_calibration, rect_from_imu
 from .names import (
+    KITTI_360_BOX_FOLDERS,
+    KITTI_360_BOXES,
     KITTI_360_CALIB,
     KITTI_360_CALIBRATION,
     KITTI_360_IMAGES,
@@ -49,6 +55,7 @@ from .text_file import (
     format_timestamps,
     parse_lines,
     parse_numbers,
+    parse_packet,
     parse_timestamps,
 )
 from .writers import LayoutWriter, fill_stamps
@@ -58,7 +65,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.geometry import Float64Array
-    from ..model.samples import Calibration, Scan
+    from ..model.samples import Calibration, OxtsPacket, Scan
     from ..options.read import ReadOptions
 
 DATA_2D, DATA_3D, DATA_POSES = KITTI_360_PARTS
@@ -66,7 +73,7 @@ POSES, CAM0_TO_WORLD = KITTI_360_POSES
 _POSE_COLUMNS = (13, 17)
 _SAME_M, _SAME_ROTATION = 5e-3, 1e-4
 """Limits for the two files of poses; in 11 drives they differ by 5e-4 m and 5e-7."""
-_NOT_READ = ('data_3d_bboxes', 'data_2d_semantics', 'data_3d_semantics')
+_NOT_READ = ('data_2d_semantics', 'data_3d_semantics')
 
 RENAMED = ('2013_05_28_drive_0002_sync', 4391)
 """The drive whose first images and scans are those of drive 0018, and its first frame with files.
@@ -113,18 +120,22 @@ class Kitti360Recording(KittiRecording):
             Stream(f'image_{index}'): _StreamFolder(images / folder, data, names.IMAGE_SUFFIXES)
             for index, (folder, data) in enumerate(KITTI_360_IMAGES)
         }
+        packets = _StreamFolder(self._drive / names.RAW_OXTS, names.RAW_DATA, (names.TXT,))
+        if packets.path.is_dir():
+            self._folders[Stream.OXTS] = packets
         data = {folder.path / folder.data: folder.suffixes for folder in self._folders.values()}
         self._name_frames(data, names.RAW_DIGITS)
         self.clock = Clock.UTC if self._stamps else Clock.NOMINAL
         for stream in self._folders:
             self._add_folder(stream)
         self._require_common_names()
-        self._add_turns()
         self._add_poses()
+        self._add_boxes()
+        self._add_turns()
         if not self._stamps and self.streams:
             self._find_gaps(self._folders)
             self.notes.append(f'{name}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
-        others = [root / part for part in _NOT_READ] + [scans / 'sick_points', self._drive / 'oxts']
+        others = [root / part for part in _NOT_READ] + [scans / 'sick_points']
         self.notes += [f'{path}: not converted' for path in others if path.is_dir()]
 
     @cached_property
@@ -210,6 +221,58 @@ class Kitti360Recording(KittiRecording):
         )
 
     @cached_property
+    def _boxes_path(self) -> Path:
+        """The file of boxes, the first that exists."""
+        folder = self.root / KITTI_360_BOXES
+        paths = [folder / part / f'{self.name}.xml' for part in KITTI_360_BOX_FOLDERS]
+        return next((path for path in paths if path.is_file()), paths[0])
+
+    def _add_boxes(self) -> None:
+        """Add the boxes of the frames with a pose and a scan, whose stamps they have."""
+        path = self._boxes_path
+        scans, poses = self.streams.get(Stream.SCAN), self.streams.get(Stream.POSE)
+        if not path.is_file():
+            return
+        if scans is None or poses is None or self._calibration.nominal:
+            needed = 'a frame needs a scan, a pose, and the calibration of both'
+            self._lose_lines(Stream.LABELS, f'{path}: {needed}; labels are left out')
+            return
+        index = np.isin(scans.numbers, poses.numbers)
+        index &= np.isin(scans.numbers, self._boxes.frames(scans.numbers))
+        self._add(Stream.LABELS, scans.numbers[index], scans.stamps_ns[index], None)
+
+    @cached_property
+    def _boxes(self) -> BoxIndex:
+        path, numbers = self._boxes_path, np.array([*self._poses], np.int64)
+        positions = np.array([matrix[:, 3] for matrix in self._poses.values()]).reshape(-1, 3)
+        try:
+            boxes, errors, shapes = parse_world_boxes(self.common_files.read(path), path)
+        except (BadFileError, OSError) as error:
+            self._lose_lines(Stream.LABELS, describe_error(error))
+            return BoxIndex([], numbers, positions)
+        for invalid in errors:
+            self._lose_lines(Stream.LABELS, str(invalid))
+        moving = sum(box.frame is not None for box in boxes)
+        self.notes.append(
+            f'{path}: {format_count(len(boxes), "object")}, {moving} of them in motion; a frame has'
+            f' those with {LEAST_POINTS} points or more of its scan in their box'
+        )
+        if shapes:
+            self.notes.append(f'{path}: {describe_shapes(shapes)}; they are left out')
+        return BoxIndex(boxes, numbers, positions)
+
+    def _labels(self, number: int) -> FrameLabels:
+        velo_t_imu = self.calibration(number).velo_T_imu
+        velo_t_world = velo_t_imu @ self._pose(number).world_T_imu.inverse()
+        points = self._scan(number).points
+        return FrameLabels(cuboids=self._boxes.of_frame(number, velo_t_world, points))
+
+    @cached_property
+    def _trails(self) -> Trails:
+        """The paths of moving objects; those of a frame need no scans."""
+        return Trails(self._boxes.moving(), lambda _: Transform.identity())
+
+    @cached_property
     def _calibration(self) -> Calibration:
         folder = self.root / KITTI_360_CALIBRATION
         texts, missing = {}, {}
@@ -232,10 +295,10 @@ class Kitti360Recording(KittiRecording):
         return replace(parsed, files=files, missing={**parsed.missing, **missing})
 
     def text_paths(self) -> list[Path]:
-        """List the time stamps, those of the poses first, and the poses."""
+        """List the time stamps, those of the poses first, the poses, and the boxes."""
         stamps = [self._stamps_path(stream) for stream in self._folders]
-        poses = [self._drive / POSES, self._drive / CAM0_TO_WORLD]
-        return [path for path in (*stamps, *poses) if path.is_file()]
+        others = [self._drive / POSES, self._drive / CAM0_TO_WORLD, self._boxes_path]
+        return [path for path in (*stamps, *others) if path.is_file()]
 
     def _pose(self, number: int) -> Pose:
         pose = Transform.from_matrix(self._poses[number])
@@ -265,7 +328,14 @@ class Kitti360Recording(KittiRecording):
         """Return the file that a sample is read from."""
         if stream is Stream.CALIBRATION:
             return self.root / KITTI_360_CALIBRATION
+        if stream is Stream.LABELS:
+            return self._boxes_path
         return self._poses_path if stream is Stream.POSE else super().path(stream, number)
+
+    def _packet(self, number: int) -> OxtsPacket:
+        path = self._listings[Stream.OXTS].path(number)
+        text = STORE.read_text(path)
+        return parse_packet(text, path, 1, self._verbatim(path, text))
 
 
 def _describe_holes(numbers: list[int]) -> str:
@@ -330,8 +400,9 @@ class Kitti360Writer(LayoutWriter):
 
     @property
     def accepts(self) -> frozenset[Stream]:
-        """The streams of the layout without the fisheyes."""
-        return self.layout.traits.streams - {Stream.IMAGE_2, Stream.IMAGE_3}
+        """The streams of the layout without the fisheyes, packets and boxes."""
+        others = {Stream.IMAGE_2, Stream.IMAGE_3, Stream.OXTS, Stream.LABELS}
+        return self.layout.traits.streams - others
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write the files of the calibration; the last is kept."""

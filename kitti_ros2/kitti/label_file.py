@@ -610,31 +610,22 @@ def parse_tracklets(data: bytes, path: Path | str) -> list[Tracklet]:
     Raises:
         BadFileError: The XML is truncated, too large or incomplete, or defines entities.
     """
-    if len(data) > MOST_BYTES:
-        raise BadFileError(path, f'{len(data)} bytes', f'at most {MOST_BYTES} bytes of XML')
-    try:
-        return _TrackParser(path).parse(data)
-    except ExpatError as error:
-        problem = f'no whole XML ({error})'
-        raise BadFileError(path, problem, _EXPECTED, line=error.lineno) from None
-    except (LookupError, ValueError) as error:
-        problem = f'XML in an encoding that is not known ({error})'
-        raise BadFileError(path, problem, _EXPECTED) from None
+    return _TrackParser(path).parse(data)
 
 
-class _TrackParser:
-    """Parses tracks from expat's events: elements of a tree take 20 times their text."""
+class XmlParser:
+    """Parses XML from expat's events, without entities: a tree takes 20 times its text.
 
-    def __init__(self, path: Path | str) -> None:
+    Args:
+        path: For the errors.
+        expected: The expected file, for the errors.
+    """
+
+    def __init__(self, path: Path | str, expected: str) -> None:
         self._path = path
+        self._expected = expected
         self._open: list[str] = []
         self._text: list[str] = []
-        self._track: dict[str, float] = {}
-        self._class_name = ''
-        self._pose: dict[str, float] = {}
-        self._poses: list[TrackletPose] = []
-        self._tracklets: list[Tracklet] = []
-        self._is_list = False
         self._expat = ParserCreate()
         self._expat.buffer_text = True
         self._expat.StartElementHandler = self._start
@@ -642,24 +633,75 @@ class _TrackParser:
         self._expat.CharacterDataHandler = self._text.append
         self._expat.EntityDeclHandler = self._refuse_entity
 
+    def read(self, data: bytes) -> None:
+        """Read a whole file.
+
+        Raises:
+            BadFileError: The XML is truncated, too large or invalid, or defines entities.
+        """
+        if len(data) > MOST_BYTES:
+            problem = f'{len(data)} bytes'
+            raise BadFileError(self._path, problem, f'at most {MOST_BYTES} bytes of XML')
+        try:
+            self._expat.Parse(data, True)  # noqa: FBT003 - it takes no name
+        except ExpatError as error:
+            problem = f'no whole XML ({error})'
+            raise BadFileError(self._path, problem, self._expected, line=error.lineno) from None
+        except (LookupError, ValueError) as error:
+            problem = f'XML in an encoding that is not known ({error})'
+            raise BadFileError(self._path, problem, self._expected) from None
+
+    def _start(self, name: str, _: dict[str, str]) -> None:
+        if len(self._open) == _MOST_LEVELS:
+            self._refuse(f'more than {_MOST_LEVELS} levels of elements', self._expected)
+        self._open.append(name)
+        self._text.clear()
+
+    def _end(self, name: str) -> None:
+        self._take(name)
+        self._open.pop()
+        self._text.clear()
+
+    def _take(self, name: str) -> None:
+        """Take the text of an element at its end."""
+        raise NotImplementedError
+
+    def _where(self) -> str:
+        """Return the object that is read, for the errors."""
+        return ''
+
+    def _refuse_entity(self, name: str, *_: object) -> None:
+        self._refuse(f'XML with entities ({shown(name)})', self._expected)
+
+    def _refuse(self, problem: str, expected: str) -> NoReturn:
+        line = self._expat.CurrentLineNumber
+        raise BadFileError(self._path, self._where() + problem, expected, line=line)
+
+
+class _TrackParser(XmlParser):
+    """Parses tracks."""
+
+    def __init__(self, path: Path | str) -> None:
+        super().__init__(path, _EXPECTED)
+        self._track: dict[str, float] = {}
+        self._class_name = ''
+        self._pose: dict[str, float] = {}
+        self._poses: list[TrackletPose] = []
+        self._tracklets: list[Tracklet] = []
+        self._is_list = False
+
     def parse(self, data: bytes) -> list[Tracklet]:
         """Return the tracks.
 
         Raises:
             BadFileError: An element is missing or invalid.
         """
-        self._expat.Parse(data, True)  # noqa: FBT003 - it takes no name
+        self.read(data)
         if not self._is_list:
             raise BadFileError(self._path, 'no element tracklets', _EXPECTED)
         return self._tracklets
 
-    def _start(self, name: str, _: dict[str, str]) -> None:
-        if len(self._open) == _MOST_LEVELS:
-            self._refuse(f'more than {_MOST_LEVELS} levels of elements', _EXPECTED)
-        self._open.append(name)
-        self._text.clear()
-
-    def _end(self, name: str) -> None:
+    def _take(self, name: str) -> None:
         parents = self._open[1:-1]
         if parents == _POSE_ITEM:
             if name in _POSE_NUMBERS:
@@ -675,8 +717,6 @@ class _TrackParser:
             self._end_track()
         elif name == _LIST and len(self._open) == len(_TRACK_ITEM):
             self._is_list = True
-        self._open.pop()
-        self._text.clear()
 
     def _end_pose(self) -> None:
         tx, ty, tz, yaw, state, occlusion, truncation = self._all(self._pose, _POSE_NUMBERS)
@@ -715,17 +755,10 @@ class _TrackParser:
             self._refuse(f'{name} is {shown(text)}', expected)
         return value
 
-    def _refuse_entity(self, name: str, *_: object) -> None:
-        self._refuse(f'XML with entities ({shown(name)})', _EXPECTED)
-
-    def _refuse(self, problem: str, expected: str) -> NoReturn:
-        where = ''
-        if self._open[1:3] == _TRACK_ITEM:
-            where = f'item {len(self._tracklets)}: '
+    def _where(self) -> str:
         if self._open[1:5] == _POSE_ITEM:
-            where = f'item {len(self._tracklets)}, pose {len(self._poses)}: '
-        line = self._expat.CurrentLineNumber
-        raise BadFileError(self._path, where + problem, expected, line=line)
+            return f'item {len(self._tracklets)}, pose {len(self._poses)}: '
+        return f'item {len(self._tracklets)}: ' if self._open[1:3] == _TRACK_ITEM else ''
 
 
 def cuboids_by_frame(tracklets: Iterable[Tracklet]) -> dict[int, list[Cuboid]]:

@@ -63,6 +63,9 @@ KITTI_360_IMAGES = (
     ('image_03', 'data_rgb'),
 )
 """By camera the folder in a drive, and that of the files in it."""
+KITTI_360_BOXES = 'data_3d_bboxes'
+KITTI_360_BOX_FOLDERS = ('train', 'train_full')
+"""In this order: the first has instances alone, the other everything that is annotated."""
 KITTI_360_POSES = ('poses.txt', 'cam0_to_world.txt')
 KITTI_360_CALIBRATION = 'calibration'
 KITTI_360_FISHEYES = {2: 'image_02.yaml', 3: 'image_03.yaml'}

@@ -318,7 +318,7 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
         base_t_imu=mount,
         map_T_world=map_from_world(recording.start, mount, options.map),
         options=options,
-        tracked=recording.layout.traits.common_labels,
+        tracked=recording.layout.traits.tracked_labels,
     )
 
 

@@ -150,6 +150,8 @@ class LayoutTraits:
         extracts: Whether there are recordings named *_extract: their images are not rectified, and
             their streams have file numbers of their own.
         tracklets: Whether labels are tracklets of the whole recording, not lines of text.
+        world_boxes: Whether they are boxes in the world, of which a frame has those that its scan
+            has points of.
         compensated_scans: Whether KITTI has compensated the scans for motion.
         point_labels: Whether the points of scans can have semantic labels.
         from_others: Whether sets of the layout are made of bags of others.
@@ -174,6 +176,7 @@ class LayoutTraits:
     dated: bool = False
     extracts: bool = False
     tracklets: bool = False
+    world_boxes: bool = False
     compensated_scans: bool = False
     point_labels: bool = False
     from_others: bool = True
@@ -182,6 +185,11 @@ class LayoutTraits:
     def common_labels(self) -> bool:
         """True if one file has the labels of all frames: a frame without any has no object."""
         return self.tracklets or Stream.LABELS in self.line_streams
+
+    @property
+    def tracked_labels(self) -> bool:
+        """True if labels are known by track."""
+        return self.common_labels or self.world_boxes
 
     def is_extract(self, name: str) -> bool:
         """Return whether a recording of this name is unrectified, numbered by stream."""
@@ -248,7 +256,7 @@ _TRAITS = {
         title='KITTI-360 drive',
         noun='drive',
         default_name='2013_05_28_drive_0000_sync',
-        streams=_COMMON_STREAMS | {Stream.POSE},
+        streams=_COMMON_STREAMS | {Stream.OXTS, Stream.POSE, Stream.LABELS},
         cameras=(0, 1),
         main_camera=0,
         camera_names={index: str(index) for index in range(4)},
@@ -259,6 +267,7 @@ _TRAITS = {
         stamps_per_stream=True,
         line_streams=frozenset({Stream.POSE}),
         numbered_lines=frozenset({Stream.POSE}),
+        world_boxes=True,
         from_others=False,
     ),
 }

@@ -75,9 +75,14 @@ def _with_folder(source_files: SourceFiles, stream: Stream) -> SourceFiles:
     """Add a substitute for the folder of a stream stored in a common file, beside its stamps."""
     if stream in source_files.folders:
         return source_files
-    if stream is Stream.POSE and Stream.OXTS in source_files.folders:
+    traits = source_files.layout.traits
+    of_packets = stream is Stream.POSE and stream not in traits.line_streams
+    if of_packets and Stream.OXTS in source_files.folders:
         folder = source_files.folders[Stream.OXTS]
-    elif source_files.layout.traits.tracklets:
+    elif stream is Stream.LABELS and traits.world_boxes:
+        numbers = source_files.folders[Stream.SCAN].numbers
+        folder = _substitute(source_files.stamps_path(Stream.SCAN), numbers)
+    elif traits.tracklets:
         folder = _substitute(_tracklet_stamps(source_files), sorted(tracklets_of(source_files)))
     else:
         stamps = LAYOUTS[source_files.layout].stamps

@@ -26,12 +26,14 @@ from ..kitti.find import LAYOUTS
 from ..kitti.label_file import labels_of_text, labels_of_tracklets
 from ..kitti.text_file import parse_packet
 from ..messages.cdr import stamp_ns_of
+from ..messages.detections import boxes_in
 from ..messages.naming import REST, BagContext, base_t_imu, every_naming
 from ..messages.topics import decoders, own_topics
+from ..model.bag_formats import DETECTIONS_3D
 from ..model.errors import BadFileError, KittiRos2Error, damage, describe_error
 from ..model.geometry import NOMINAL_VELO_T_IMU
 from ..model.recording import StreamIndex
-from ..model.samples import Calibration, Scan
+from ..model.samples import Calibration, FrameLabels, Scan
 from ..model.streams import CAMERA_NAMES, Stream
 from ..options.messages import MessageOptions
 from ..options.read import ScanStamp
@@ -162,6 +164,9 @@ class BagRecording:
         name, message = self._topics[stream], self._message(stream, number)
         if name in self._reencoded:
             return self._reencoded.file(name, stamp_ns_of(message.header), message)
+        if stream is Stream.LABELS and self.layout.traits.world_boxes:
+            boxes = boxes_in(message)
+            return FrameLabels(cuboids=[replace(b, track_id=int(b.identity)) for b in boxes])
         decoded: Any = decoders()[name](message, BagContext(self.root, self.base_t_imu))
         if stream is Stream.OXTS:
             return parse_packet(decoded.text, decoded.name, number + 1, decoded)
@@ -206,14 +211,16 @@ class BagRecording:
         """Choose the topic to read each stream from, among those with known numbers.
 
         The first in the table's order. Tracklets are read from their file; any topic made of them
-        has their numbers.
+        has their numbers. Boxes in the world are read as those of a frame.
         """
+        world_boxes = self.layout.traits.world_boxes
         topics: dict[Stream, str] = {}
         for name, row in own_topics().items():
             topic = self._bag.topics.get(name)
             if topic is None or row.latched or not topic.is_numbered:
                 continue
-            is_read = row.decode is not None or (row.stream is Stream.LABELS and self._tracklets)
+            boxed = self._tracklets or (world_boxes and row.msgtype == DETECTIONS_3D)
+            is_read = row.decode is not None or (row.stream is Stream.LABELS and boxed)
             surveyed = self._survey.topics.get(name)  # None: the bag does not define its type
             if (
                 is_read

@@ -1,0 +1,428 @@
+# SPDX-FileCopyrightText: The kitti_ros2 authors
+# SPDX-License-Identifier: Apache-2.0
+"""KITTI-360's boxes in the world and packets: files by the documented form, for none is at hand."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import kitti_ros2
+from kitti_ros2.kitti.kitti360_boxes import LABELS, LEAST_POINTS, BoxIndex, parse_world_boxes
+from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.text_file import format_packet, format_timestamps, parse_packet
+from kitti_ros2.model.boxes import count_points, cuboid_of
+from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.geometry import Transform
+from kitti_ros2.model.samples import rect_from_velo
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.synthetic import SyntheticDrive
+
+from builders import SHARED, SMALL, convert_recording  # isort: skip
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from kitti_ros2.model.boxes import Cuboid
+
+DRIVE = Layout.KITTI_360.traits.default_name
+CUBE = np.array([
+    [0.5, 0.5, 0.5], [0.5, 0.5, -0.5], [0.5, -0.5, 0.5], [0.5, -0.5, -0.5],
+    [-0.5, 0.5, -0.5], [-0.5, 0.5, 0.5], [-0.5, -0.5, -0.5], [-0.5, -0.5, 0.5],
+])  # fmt: skip
+"""As the authors print it, in kitti360Scripts issue 135."""
+KITTI_IDS = {name: number for number, (_, name) in LABELS.items()}
+
+
+@dataclass(frozen=True)
+class Item:
+    """An object of a file: its transform has the size as a scale."""
+
+    transform: np.ndarray
+    instance: int = 1
+    label: str = 'car'
+    window: tuple[int, int] = (0, 100)
+    timestamp: int = -1
+    vertices: np.ndarray | None = None
+
+
+def scaled(place: Transform, size_lwh) -> np.ndarray:
+    matrix = place.matrix()
+    matrix[:3, :3] *= size_lwh
+    return matrix
+
+
+def matrix_xml(name: str, values: np.ndarray) -> str:
+    """Numbers over several lines, a line of its own for neither the first nor a row."""
+    words = [f'{value:.12e}' for value in values.ravel()]
+    data = '\n      '.join(' '.join(words[at : at + 4]) for at in range(0, len(words), 4))
+    rows, cols = values.shape
+    return (
+        f'  <{name} type_id="opencv-matrix">\n    <rows>{rows}</rows>\n    <cols>{cols}</cols>\n'
+        f'    <dt>f</dt>\n    <data>\n      {data}</data></{name}>\n'
+    )
+
+
+def boxes_xml(items) -> str:
+    text = '<?xml version="1.0"?>\n<opencv_storage>\n'
+    for index, item in enumerate(items):
+        text += f'<object{index}>\n  <index>{index}</index>\n  <label>{item.label}</label>\n'
+        text += f'  <semanticId>{KITTI_IDS[item.label]}</semanticId>\n'
+        text += f'  <instanceId>{item.instance}</instanceId>\n  <category>1</category>\n'
+        text += f'  <start_frame>{item.window[0]}</start_frame>\n'
+        text += f'  <end_frame>{item.window[1]}</end_frame>\n'
+        text += f'  <timestamp>{item.timestamp}</timestamp>\n'
+        text += matrix_xml('transform', item.transform)
+        text += matrix_xml('vertices', CUBE if item.vertices is None else item.vertices)
+        text += f'</object{index}>\n'
+    return f'{text}</opencv_storage>\n'
+
+
+def write_boxes(root: Path, items, part: str = 'train', drive: str = DRIVE) -> Path:
+    path = root / 'data_3d_bboxes' / part / f'{drive}.xml'
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(boxes_xml(items))
+    return path
+
+
+def labelled_in(cuboids, points, *, margin) -> list[Cuboid]:
+    sizes = [np.add(cuboid.size_lwh, margin).clip(0) for cuboid in cuboids]
+    grown = [replace(cuboid, size_lwh=size) for cuboid, size in zip(cuboids, sizes, strict=True)]
+    counts = count_points(grown, points)
+    return [c for c, count in zip(cuboids, counts, strict=True) if count >= LEAST_POINTS]
+
+
+def truth(root: Path) -> tuple[list[Item], dict[int, tuple[list[Cuboid], list[Cuboid]]]]:
+    """The objects of the synthetic recording as those of a file, and those of each frame.
+
+    Of a frame those that it must have, and those that it may, by a centimetre. The boxes have 10 cm
+    to spare, for in the synthetic recording the points are on their faces.
+    """
+    drive, recording = SyntheticDrive(SMALL), open_recording(root)
+    rect_t_velo = rect_from_velo(drive.calibration)
+    items, frames = [], {}
+    for number in range(len(drive)):
+        pose = recording.read(Stream.POSE, number).world_T_imu
+        world_t_velo = pose @ recording.calibration(number).velo_T_imu.inverse()
+        cuboids = [
+            cuboid_of(box, str(box.track_id), rect_t_velo)
+            for box in drive.boxes(number)
+            if box.class_name != 'DontCare'
+        ]
+        cuboids = [replace(c, size_lwh=tuple(size + 0.2 for size in c.size_lwh)) for c in cuboids]
+        items += [
+            Item(
+                scaled(world_t_velo @ cuboid.velo_T_box, cuboid.size_lwh),
+                instance=(cuboid.track_id or 0) + 1,
+                timestamp=number,
+            )
+            for cuboid in cuboids
+        ]
+        points = recording.read(Stream.SCAN, number).points
+        frames[number] = (
+            labelled_in(cuboids, points, margin=-0.02),
+            labelled_in(cuboids, points, margin=0.02),
+        )
+    return items, frames
+
+
+@pytest.fixture(scope='module')
+def labelled(recordings, tmp_path_factory) -> Path:
+    """The synthetic recording with boxes and packets."""
+    root = tmp_path_factory.mktemp('boxes') / 'set'
+    shutil.copytree(recordings[Layout.KITTI_360], root)
+    write_boxes(root, truth(root)[0])
+    oxts, drive = root / 'data_poses' / DRIVE / 'oxts', SyntheticDrive(SMALL)
+    (oxts / 'data').mkdir(parents=True)
+    for number in range(len(drive)):
+        text = f'{format_packet(drive.packet(number))} \n'
+        (oxts / 'data' / f'{number:010d}.txt').write_text(text)
+    stamps = [drive.packet_stamp(number) for number in range(len(drive))]
+    (oxts / 'timestamps.txt').write_text(format_timestamps(stamps))
+    return root
+
+
+def same(cuboid, expected, *, atol=1e-3):
+    assert cuboid.size_lwh == pytest.approx(expected.size_lwh, abs=atol)
+    np.testing.assert_allclose(cuboid.velo_T_box.matrix(), expected.velo_T_box.matrix(), atol=atol)
+
+
+def test_a_frame_has_the_boxes_with_points_of_its_scan(labelled):
+    recording, (_, frames) = open_recording(labelled), truth(labelled)
+    assert not recording.losses
+    assert recording.streams[Stream.LABELS].numbers.tolist() == [*frames]
+    for number, (certain, possible) in frames.items():
+        cuboids = recording.read(Stream.LABELS, number).cuboids
+        expected = {26001 + int(cuboid.identity): cuboid for cuboid in possible}
+        ids = [cuboid.track_id for cuboid in cuboids]
+        assert {26001 + int(cuboid.identity) for cuboid in certain} <= {*ids} <= {*expected}
+        assert len(certain) > 2
+        assert {cuboid.class_name for cuboid in cuboids} == {'Car'}
+        for cuboid in cuboids:
+            same(cuboid, expected[cuboid.track_id])
+    scans = recording.streams[Stream.SCAN]
+    np.testing.assert_array_equal(recording.streams[Stream.LABELS].stamps_ns, scans.stamps_ns)
+
+
+def test_labels_and_packets_in_a_bag(labelled, tmp_path):
+    trails = MessageOptions(markers=replace(MarkerOptions(), trails=True))
+    report = convert_recording(labelled, tmp_path / 'bag.mcap', trails)
+    assert not report.losses
+    with_bag, folder = kitti_ros2.open(tmp_path / 'bag.mcap'), kitti_ros2.open(labelled)
+    assert {name: [*numbers] for name, numbers in with_bag.streams.items()} == {
+        name: [*numbers] for name, numbers in folder.streams.items()
+    }
+    for frame in folder:
+        again = with_bag.frame(frame.number)
+        assert again.oxts == frame.oxts
+        assert [o.track for o in again.objects] == [o.track for o in frame.objects]
+        for one, other in zip(again.objects, frame.objects, strict=True):
+            np.testing.assert_allclose(one.corners('map'), other.corners('map'), atol=1e-3)
+    kitti_ros2.to_kitti(tmp_path / 'bag.mcap', tmp_path / 'again')
+    for path in [*labelled.glob('data_3d_bboxes/*/*.xml'), *labelled.rglob('oxts/**/*.txt')]:
+        assert (tmp_path / 'again' / path.relative_to(labelled)).read_bytes() == path.read_bytes()
+
+
+def test_packets_have_stamps_of_their_own(labelled):
+    recording, drive = open_recording(labelled), SyntheticDrive(SMALL)
+    index = recording.streams[Stream.OXTS]
+    assert index.stamps_ns.tolist() == [drive.packet_stamp(n) for n in range(len(drive))]
+    text = format_packet(drive.packet(3))
+    assert recording.read(Stream.OXTS, 3) == parse_packet(text, 'oxts')
+    scans = recording.streams[Stream.SCAN]
+    np.testing.assert_array_equal(recording.streams[Stream.POSE].stamps_ns, scans.stamps_ns)
+
+
+COURSE = (3554, 2570, 837, 57, 4816, 3775, 1774, 7)
+"""Points of the scan in 12 cars, of which 4 have none; README.md beside the real files."""
+
+
+@pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
+def test_cars_in_a_real_scan(tmp_path):
+    """The corners are not the data set's file, but made of it, in the order of its cube."""
+    real, drive = SHARED / 'kitti360', '2013_05_28_drive_0000_sync'
+    if not real.is_dir():
+        pytest.skip(f'no real KITTI-360 samples at {real}')
+    shutil.copytree(real, tmp_path / 'set', copy_function=os.symlink)
+    rows = np.loadtxt(real / f'data_poses/{drive}/poses.txt')
+    (pose,) = rows[rows[:, 0] == 1134, 1:].reshape(-1, 3, 4)
+    lines = (real / 'calibration/calib_cam_to_pose.txt').read_text().splitlines()
+    mount = np.array(lines[0].split()[1:], float).reshape(3, 4)
+    rectified = next(
+        np.array(line.split()[1:], float).reshape(3, 3)
+        for line in (real / 'calibration/perspective.txt').read_text().splitlines()
+        if line.startswith('R_rect_00:')
+    )
+    items = []
+    for index, car in enumerate(
+        json.loads((real / 'extra/course_boxes/BBoxes_1134.json').read_text())
+    ):
+        in_imu = np.array(car['corners_cam0']) @ rectified @ mount[:, :3].T + mount[:, 3]
+        corners = in_imu @ pose[:, :3].T + pose[:, 3]
+        solved = np.linalg.lstsq(np.c_[CUBE, np.ones(8)], corners, rcond=None)[0]
+        assert np.abs(np.c_[CUBE, np.ones(8)] @ solved - corners).max() < 1e-5
+        items.append(Item(np.vstack([solved.T, [0, 0, 0, 1]]), index + 1, window=(1100, 1120)))
+    write_boxes(tmp_path / 'set', items, drive=drive)
+    recording = open_recording(tmp_path / 'set', ReadOptions(sequence='0000'))
+    assert recording.streams[Stream.LABELS].numbers.tolist() == [1134]
+    cuboids = recording.read(Stream.LABELS, 1134).cuboids
+    points = recording.read(Stream.SCAN, 1134).points
+    assert tuple(count_points(cuboids, points)) == COURSE
+    for cuboid in cuboids:
+        length, width, height = cuboid.size_lwh
+        assert length > width >= height  # as of a car: x is ahead, z is up
+        assert cuboid.velo_T_box.rotation[2, 2] > 0.97
+
+
+@pytest.mark.parametrize(
+    ('label', 'class_name', 'track'),
+    [
+        ('car', 'Car', 26007),
+        ('truck', 'Truck', 27007),
+        ('person', 'Pedestrian', 24007),
+        ('train', 'Tram', 31007),
+        ('rider', 'rider', 25007),
+        ('bicycle', 'bicycle', 33007),
+        ('traffic sign', 'traffic sign', 20007),
+        ('building', 'building', 11007),
+    ],
+)
+def test_classes_and_ids_of_instance_images(label, class_name, track):
+    (box,) = parse_world_boxes(boxes_xml([Item(np.eye(4), 7, label)]).encode(), 'x.xml').boxes
+    assert (box.label, box.class_name, box.track_id) == (label, class_name, track)
+    assert box.window == (0, 100)
+    assert box.frame is None
+
+
+def test_ids_are_unique_in_a_frame():
+    items = [
+        Item(np.eye(4), 7),
+        Item(np.eye(4), 7),
+        Item(np.eye(4), 0),
+        Item(np.eye(4), 8, timestamp=3),
+        Item(np.eye(4), 8, timestamp=4),
+        Item(np.eye(4), 8, timestamp=4),
+        Item(np.eye(4), 7, timestamp=4),
+    ]
+    boxes = parse_world_boxes(boxes_xml(items).encode(), 'x.xml').boxes
+    tracks = [box.track_id for box in boxes]
+    assert tracks == [26007, 1000002, 1000003, 26008, 26008, 1000006, 1000007]
+    assert [box.frame for box in boxes] == [None, None, None, 3, 4, 4, 4]
+
+
+def test_the_dialect_of_drive_0004():
+    text = boxes_xml([Item(np.eye(4)), Item(np.eye(4)), Item(np.eye(4))])
+    first, second, third = text.split('<object')[1:]
+    out = f'<opencv_storage><object{first}<object{second}<object{third}'
+    for index, dynamic in enumerate((0, 1, 1)):
+        given = f'<semanticId>{KITTI_IDS["car"]}</semanticId>\n  <instanceId>1</instanceId>'
+        said = f'<dynamic>{dynamic}</dynamic><dynamicSeq>{index}</dynamicSeq>'
+        out = out.replace(given, said, 1)
+    boxes = parse_world_boxes(out.encode(), 'x.xml').boxes
+    assert [box.track_id for box in boxes] == [1000001, 2000001, 2000002]
+    assert {box.class_name for box in boxes} == {'Car'}
+
+
+def turned(yaw: float, pitch: float = 0.0) -> np.ndarray:
+    c, s, d, t = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [[d, 0, t], [0, 1, 0], [-t, 0, d]]
+
+
+@pytest.mark.parametrize(
+    ('vertices', 'size', 'middle'),
+    [(CUBE, (4, 2, 1.5), (0, 0, 0)), (CUBE[::-1], (4, 2, 1.5), (0, 0, 0)),
+     (CUBE * [60, 34, 19] + [0, 0, 3], (240, 68, 28.5), (0, 0, 4.5))],
+)  # fmt: skip
+@pytest.mark.parametrize('mirrored', [False, True])
+def test_size_and_place_are_in_the_transform(vertices, size, middle, mirrored):
+    place = Transform(turned(2.5, 0.1), np.array([1000.0, -2000.0, 115.0]))
+    matrix = scaled(place, (4, -2 if mirrored else 2, 1.5))
+    text = boxes_xml([Item(matrix, vertices=vertices)])
+    (box,) = parse_world_boxes(text.encode(), 'x.xml').boxes
+    assert box.size_lwh == pytest.approx(size)
+    np.testing.assert_allclose(box.world_T_box.rotation, place.rotation, atol=1e-9)
+    np.testing.assert_allclose(box.world_T_box.translation, place.apply([middle])[0], atol=1e-6)
+
+
+def test_shapes_that_are_no_boxes_are_counted(labelled, tmp_path):
+    shutil.copytree(labelled, tmp_path / 'set')
+    flat = np.array([[0.0, 0, 0], [4, 0, 0], [4, 9, 0], [0, 9, 0]])
+    prism = np.vstack([CUBE[:7], [[-0.5, -0.2, 0.5]]])
+    road = [Item(np.eye(4), 0, 'road', vertices=v) for v in (flat, prism)]
+    path = write_boxes(tmp_path / 'set', [*truth(labelled)[0], *road])
+    bare = '<object99><index>3</index><label>sky</label></object99></opencv_storage>'
+    path.write_text(path.read_text().replace('</opencv_storage>', bare))
+    recording = open_recording(tmp_path / 'set')
+    assert not recording.losses
+    (note,) = (note for note in recording.notes if 'are no boxes' in note)
+    assert '3 objects are no boxes (2 road, 1 without a transform); they are left out' in note
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'reason'),
+    [
+        ('<semanticId>13<', '<semanticId>99<', 'object1: semanticId 99'),
+        ('<semanticId>13<', '<semanticId>car<', "object1: 'car' is no number"),
+        ('<timestamp>-1<', '<timestamp>1.5<', 'object1: timestamp 1.5'),
+        ('<rows>4</rows>', '<rows>3</rows>', 'transform of 3 rows, 4 columns, 16 values'),
+        ('1.000000000000e+00 0.0', 'nan 0.0', 'object1: '),
+        ('1.000000000000e+00 0.0', '0 0.0', 'a transform that has no scale'),
+        ('0.000000000000e+00 1.0', '0.5 1.0', 'axes are not at right angles'),
+    ],
+)
+def test_an_invalid_object_costs_itself_alone(old, new, reason):
+    head, first, second = boxes_xml([Item(np.eye(4)), Item(np.eye(4), 2)]).partition('<object1')
+    assert old in second
+    text = head + first + second.replace(old, new, 1)
+    boxes, (error,), _ = parse_world_boxes(text.encode(), 'x.xml')
+    assert [box.track_id for box in boxes] == [26001]
+    assert reason in str(error)
+    assert str(error).startswith('x.xml:')
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('<opencv_storage><object1>', 'no whole XML'),
+        ('<html></html>', "a root 'html'"),
+        (
+            '<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage>&b;</opencv_storage>',
+            "XML with entities ('b')",
+        ),
+        ('<opencv_storage>' + '<a>' * 200, 'more than 100 levels'),
+    ],
+)
+def test_another_file_is_refused(text, reason):
+    with pytest.raises(BadFileError, match='XML of KITTI-360') as raised:
+        parse_world_boxes(text.encode(), 'x.xml')
+    assert reason in str(raised.value)
+
+
+def test_a_damaged_file_is_a_loss_of_labels(labelled, tmp_path):
+    shutil.copytree(labelled, tmp_path / 'set')
+    path = tmp_path / 'set/data_3d_bboxes/train' / f'{DRIVE}.xml'
+    path.write_text(path.read_text()[:-40])
+    recording = open_recording(tmp_path / 'set')
+    assert Stream.LABELS not in recording.streams
+    assert [loss.stream for loss in recording.losses] == ['labels']
+    assert 'no whole XML' in recording.losses[0].message
+
+
+@pytest.mark.parametrize('without', ['calibration', f'data_poses/{DRIVE}/poses.txt', 'data_3d_raw'])
+def test_boxes_need_poses_scans_and_calibration(labelled, tmp_path, without):
+    shutil.copytree(labelled, tmp_path / 'set')
+    path = tmp_path / 'set' / without
+    shutil.rmtree(path) if path.is_dir() else path.unlink()
+    recording = open_recording(tmp_path / 'set')
+    assert Stream.LABELS not in recording.streams
+    assert any('a frame needs a scan, a pose' in loss.message for loss in recording.losses)
+
+
+def test_instances_alone_are_read_before_everything(labelled, tmp_path):
+    shutil.copytree(labelled, tmp_path / 'set')
+    write_boxes(tmp_path / 'set', [], 'train_full')
+    assert len(open_recording(tmp_path / 'set').streams[Stream.LABELS]) == SMALL.frames
+    (tmp_path / 'set/data_3d_bboxes/train' / f'{DRIVE}.xml').unlink()
+    assert Stream.LABELS not in open_recording(tmp_path / 'set').streams
+
+
+def test_a_standing_object_is_looked_for_around_its_window():
+    """The car drives 1 m a frame, turns back at frame 500, and passes the object again."""
+    numbers = np.arange(1, 1000, 2)
+    x = np.where(numbers < 500, numbers, 1000 - numbers).astype(float)
+    positions = np.stack([x, np.zeros_like(x), np.zeros_like(x)], axis=1)
+    place = Transform.from_translation([200.0, 3.0, 0.0])
+    moving = Transform.from_translation([30.0, 3.0, 0.0])
+    items = [
+        Item(place.matrix(), window=(150, 180)),
+        Item(moving.matrix(), 2, window=(0, 180), timestamp=41),
+    ]
+    boxes = parse_world_boxes(boxes_xml(items).encode(), 'x.xml').boxes
+    index = BoxIndex(boxes, numbers, positions)
+    points = np.array([[x, 3.0, 0.1, 0] for x in (-11.0, 159.0)] * LEAST_POINTS, np.float32)
+    assert index.frames(numbers).tolist() == [41, *range(115, 287, 2)]
+    at = Transform.from_translation([-41.0, 0.0, 0.0])
+    assert [c.track_id for c in index.of_frame(41, at, points)] == [26002]
+    near = np.array([[0.0, 3.0, 0.1, 0]] * LEAST_POINTS, np.float32)
+    beside = Transform.from_translation([-200.0, 0.0, 0.0])
+    assert [c.track_id for c in index.of_frame(199, beside, near)] == [26001]
+    assert not index.of_frame(199, beside, near[1:])
+    assert not index.of_frame(801, beside, near)  # the way back
+    assert [*index.moving()] == [41]
+
+
+def test_world_boxes_of_a_file(tmp_path):
+    path = write_boxes(tmp_path, [Item(scaled(Transform.identity(), (4, 2, 1.5)))])
+    (box,) = kitti_ros2.read_world_boxes(path)
+    assert (box.class_name, box.size_lwh) == ('Car', (4.0, 2.0, 1.5))
+    path.write_text(path.read_text().replace('<cols>4</cols>', '<cols>5</cols>'))
+    with pytest.raises(kitti_ros2.KittiRos2Error, match='transform of 4 rows, 5 columns'):
+        kitti_ros2.read_world_boxes(path)
