@@ -358,10 +358,10 @@ def _refuse_tracklets(recordings: list[KittiRecording], options: CropOptions) ->
     for recording in recordings:
         if (
             options.empty_labels is EmptyLabels.DROP
-            and recording.layout.traits.tracklets
+            and (recording.layout.traits.tracklets or recording.layout.traits.world_boxes)
             and Stream.LABELS in recording.streams
         ):
             raise UsageError(
-                f'{recording.path(Stream.LABELS, 0)}: --empty-labels drop does not support'
-                f' tracklets, whose poses cannot have gaps; leave it out, and they are kept'
+                f'{recording.path(Stream.LABELS, 0)}: --empty-labels drop does not support labels'
+                f' of objects over several frames; leave it out, and they are kept'
             )

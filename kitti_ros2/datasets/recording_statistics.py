@@ -307,7 +307,7 @@ class RouteTrace:
         self._clock, self._on_ground = recording.clock, False
         self._imu_t_sensor = Transform.identity()
         if recording.layout is not None:
-            self._on_ground = Stream.POSE not in recording.layout.traits.streams  # by oxts
+            self._on_ground = recording.layout.traits.packet_poses
             if not self._on_ground:
                 self._imu_t_sensor = rect_from_imu(recording.calibration(0)).inverse()
 

@@ -262,16 +262,16 @@ def add_extract(recording: KittiRecording, options: ImuOptions) -> None:
 
 
 def _check_source(recording: KittiRecording) -> None:
-    """Check that a recording is a synchronised raw drive with stamps.
+    """Check that a recording is a synchronised drive with stamps, raw or of KITTI-360.
 
     Raises:
         UsageError: It is not.
     """
     name, layout = recording.name, recording.layout
-    if layout is not Layout.RAW:
+    if not (layout.traits.stamps_per_stream and Stream.OXTS in layout.traits.streams):
         drive = names.ODOMETRY_DRIVES.get(name) if layout is Layout.ODOMETRY else None
         raise UsageError(
-            f'{name}: --imu-from is for raw drives, which have the stamps of the unit; this is'
+            f'{name}: --imu-from is for drives, which have the stamps of the unit; this is'
             f' layout {layout.value}' + (f', a part of {drive}: give {drive}_sync' if drive else '')
         )
     if layout.traits.is_extract(name):

@@ -215,7 +215,8 @@ def _leave_out_uncovered(recording: KittiRecording) -> None:
             f' neither oxts packets nor poses'
         )
     numbers: list[int] = recording.streams[Stream.SCAN].numbers.tolist()
-    least = 1 if Stream.OXTS in recording.streams else _FEWEST_POSES
+    by_packets = recording.layout.traits.packet_poses and Stream.OXTS in recording.streams
+    least = 1 if by_packets else _FEWEST_POSES
     without = []
     for number in numbers:
         turn = recording.turns[number]

@@ -244,6 +244,7 @@ class Rig:
         map_T_world: The fixed frame of the reader's poses in map.
         options: Options of the messages.
         tracked: Whether labels have tracks.
+        labelled_camera: The camera of 2D boxes.
     """
 
     frames: FrameNames
@@ -252,6 +253,7 @@ class Rig:
     map_T_world: Transform
     options: MessageOptions
     tracked: bool = False
+    labelled_camera: int = LABELLED_CAMERA
 
 
 @dataclass(frozen=True)
@@ -310,7 +312,7 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
     """Make the parameters common to all messages of a recording."""
     mount = base_t_imu(options)
     boxed = {Stream.LABELS, Stream.PREDICTIONS} & recording.streams.keys()
-    labelled = {LABELLED_CAMERA} if boxed else set()
+    labelled = {recording.layout.traits.main_camera} if boxed else set()
     cameras = {**recording.layout.traits.camera_names, **recording.cameras}
     return Rig(
         frames=with_ground_truth_tree(naming_of(options).frames_of(cameras), options),
@@ -319,6 +321,7 @@ def make_rig(recording: ReadableRecording, options: MessageOptions) -> Rig:
         map_T_world=map_from_world(recording.start, mount, options.map),
         options=options,
         tracked=recording.layout.traits.tracked_labels,
+        labelled_camera=recording.layout.traits.main_camera,
     )
 
 

@@ -94,7 +94,6 @@ from .naming import (
     FILES,
     IMAGE_TOPICS,
     LABEL_LINES,
-    LABELLED_CAMERA,
     OXTS_LINES,
     POINTS,
     RECORDING,
@@ -425,7 +424,7 @@ def make_boxes_2d(labels: FrameLabels, context: EncodeContext) -> object | None:
     """
     if labels.source is None:
         return None
-    frame = context.rig.frames.camera(LABELLED_CAMERA)
+    frame = context.rig.frames.camera(context.rig.labelled_camera)
     return encode_boxes_2d(identified(labels), context.stamp_ns, frame)
 
 

@@ -191,6 +191,11 @@ class LayoutTraits:
         """True if labels are known by track."""
         return self.common_labels or self.world_boxes
 
+    @property
+    def packet_poses(self) -> bool:
+        """True if poses are those of oxts packets, with a velocity, and no files of their own."""
+        return Stream.POSE not in self.streams
+
     def is_extract(self, name: str) -> bool:
         """Return whether a recording of this name is unrectified, numbered by stream."""
         return self.extracts and name.endswith('_extract')

@@ -76,8 +76,8 @@ def _with_folder(source_files: SourceFiles, stream: Stream) -> SourceFiles:
     if stream in source_files.folders:
         return source_files
     traits = source_files.layout.traits
-    of_packets = stream is Stream.POSE and stream not in traits.line_streams
-    if of_packets and Stream.OXTS in source_files.folders:
+    by_packets = traits.packet_poses and Stream.OXTS in source_files.folders
+    if stream is Stream.POSE and by_packets:
         folder = source_files.folders[Stream.OXTS]
     elif stream is Stream.LABELS and traits.world_boxes:
         numbers = source_files.folders[Stream.SCAN].numbers

@@ -14,17 +14,21 @@ import numpy as np
 import pytest
 
 import kitti_ros2
+from kitti_ros2.datasets import crop
+from kitti_ros2.kitti.extract_oxts import add_extract
 from kitti_ros2.kitti.kitti360_boxes import LABELS, LEAST_POINTS, BoxIndex, parse_world_boxes
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import format_packet, format_timestamps, parse_packet
+from kitti_ros2.messages.naming import make_rig
 from kitti_ros2.model.boxes import count_points, cuboid_of
-from kitti_ros2.model.errors import BadFileError
+from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.samples import rect_from_velo
 from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MarkerOptions, MessageOptions
-from kitti_ros2.options.read import ReadOptions
+from kitti_ros2.options.read import ImuOptions, ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive
+from kitti_ros2.synthetic.drive import write_extract
 
 from builders import SHARED, SMALL, convert_recording  # isort: skip
 
@@ -199,6 +203,50 @@ def test_packets_have_stamps_of_their_own(labelled):
     assert recording.read(Stream.OXTS, 3) == parse_packet(text, 'oxts')
     scans = recording.streams[Stream.SCAN]
     np.testing.assert_array_equal(recording.streams[Stream.POSE].stamps_ns, scans.stamps_ns)
+
+
+def test_packets_of_the_unsynchronised_drive(labelled, tmp_path):
+    """data_poses_oxts_extract.zip, taken to be as the same of raw drives."""
+    options = replace(SMALL, extract=True)
+    write_extract(tmp_path, SyntheticDrive(options))
+    (extract,) = tmp_path.glob('*/*_extract')
+    there = tmp_path / f'{DRIVE.removesuffix("sync")}extract'
+    extract.rename(there)
+    drive = SyntheticDrive(options)
+    recording = open_recording(labelled)
+    add_extract(recording, ImuOptions(there))
+    index = recording.streams[Stream.OXTS_EXTRACT]
+    assert len(index) > 5 * len(drive)
+    number = int(index.numbers[7])
+    text = format_packet(drive.arrived(number))
+    assert recording.read(Stream.OXTS_EXTRACT, number) == parse_packet(text, 'oxts')
+
+
+def test_boxes_become_labels_of_other_layouts(labelled, tmp_path):
+    convert_recording(labelled, tmp_path / 'bag.mcap')
+    (report,) = kitti_ros2.to_kitti(tmp_path / 'bag.mcap', tmp_path / 'set', layout='object')
+    assert not report.losses
+    width, height = SMALL.image_size
+    recording = open_recording(labelled)
+    for number in recording.streams[Stream.LABELS].numbers.tolist():
+        made = kitti_ros2.read_labels(tmp_path / f'set/training/label_2/{number:06d}.txt')
+        sizes = [cuboid.size_lwh for cuboid in recording.read(Stream.LABELS, number).cuboids]
+        assert made
+        for box in made:
+            left, top, right, bottom = box.box_2d
+            assert 0 <= left < right <= width - 1
+            assert 0 <= top < bottom <= height - 1
+            assert any(np.allclose(size, box.size_hwl[::-1], atol=1e-3) for size in sizes)
+
+
+def test_no_frame_of_camera_2_is_invented(labelled):
+    """2D boxes of KITTI's labels are of camera 2, here a fisheye that this recording has not."""
+    assert make_rig(open_recording(labelled), MessageOptions()).cameras == {0, 1}
+
+
+def test_empty_labels_are_not_dropped_from_the_file_of_a_drive(labelled, tmp_path):
+    with pytest.raises(UsageError, match='objects over several frames'):
+        crop(labelled, tmp_path / 'out', range=':40', empty_labels='drop')
 
 
 COURSE = (3554, 2570, 837, 57, 4816, 3775, 1774, 7)
@@ -376,7 +424,7 @@ def test_a_damaged_file_is_a_loss_of_labels(labelled, tmp_path):
     assert 'no whole XML' in recording.losses[0].message
 
 
-@pytest.mark.parametrize('without', ['calibration', f'data_poses/{DRIVE}/poses.txt', 'data_3d_raw'])
+@pytest.mark.parametrize('without', ['calibration', 'data_poses', 'data_3d_raw'])
 def test_boxes_need_poses_scans_and_calibration(labelled, tmp_path, without):
     shutil.copytree(labelled, tmp_path / 'set')
     path = tmp_path / 'set' / without
