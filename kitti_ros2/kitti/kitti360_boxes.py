@@ -54,6 +54,8 @@ _UNNAMED = 1_000_000
 """Track ids from here on are of objects without one of their own, by their position in the file."""
 _STANDS = -1
 _CORNERS = 8
+_MOST = 10**9
+"""The limit of ids and frames, so that tracks are int32, and of coordinates in metres."""
 _SHEAR = 1e-3
 _BLOCK = 256
 
@@ -191,6 +193,8 @@ class _BoxParser(XmlParser):
         window = None
         if 'start_frame' in values and 'end_frame' in values:
             window = _whole(values, 'start_frame'), _whole(values, 'end_frame')
+            if window[0] > window[1]:
+                raise ValueError(f'start_frame {window[0]} after end_frame {window[1]}')
         class_name = CLASSES.get(label, label)
         own_frame = None if frame < 0 else frame
         return WorldBox(class_name, label, track_id, world_t_box, size_lwh, window, own_frame)
@@ -232,7 +236,7 @@ def _whole(values: dict[str, str], name: str, default: int | None = None) -> int
     if name not in values and default is not None:
         return default
     (value,) = parse_numbers([values.get(name, '')], 1)
-    if not value.is_integer() or abs(value) >= 10**10:
+    if not value.is_integer() or abs(value) > _MOST:
         raise ValueError(f'{name} {values[name]}')
     return int(value)
 
@@ -274,6 +278,8 @@ def _place(
     Raises:
         ValueError: It has no volume, or its axes are not at right angles.
     """
+    if max(np.abs(values).max() for values in (matrix, middle, extent)) > _MOST:
+        raise ValueError('a coordinate beyond a million kilometres')
     scaled = matrix[:3, :3]
     scale = np.linalg.norm(scaled, axis=0)
     size = extent * scale

@@ -9,7 +9,10 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
+from kitti_ros2.kitti.kitti360_boxes import BoxIndex, parse_world_boxes
 from kitti_ros2.kitti.kitti_recording import MercatorWorld, pose_from_odometry, pose_from_packet
 from kitti_ros2.kitti.label_file import (
     TrackFile,
@@ -42,6 +45,17 @@ from .target import Target
 PATH = Path('folder/file.txt')
 _RAW = ('calib_cam_to_cam.txt', 'calib_velo_to_cam.txt', 'calib_imu_to_velo.txt')
 _TEXT_FILE = 'kitti/text_file.py'
+_CUBE = ' '.join(f'{x} {y} {z}' for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5))
+_WORLD_BOXES = f"""<opencv_storage>
+<object1><label>car</label><semanticId>13</semanticId><instanceId>3</instanceId>
+<start_frame>0</start_frame><end_frame>2</end_frame><timestamp>-1</timestamp>
+<transform><rows>4</rows><cols>4</cols><data>4 0 0 1 0 2 0 2 0 0 1.5 0 0 0 0 1</data></transform>
+<vertices><rows>8</rows><cols>3</cols><data>{_CUBE}</data></vertices></object1>
+<object2><label>pedestrian</label><dynamic>1</dynamic><dynamicSeq>4</dynamicSeq><timestamp>1</timestamp>
+<transform><rows>4</rows><cols>4</cols><data>1 0 0 1 0 1 0 2 0 0 1 0 0 0 0 1</data></transform>
+<vertices><rows>8</rows><cols>3</cols><data>{_CUBE}</data></vertices></object2>
+</opencv_storage>
+""".encode()
 
 
 def _calibration(data: bytes) -> None:
@@ -76,6 +90,14 @@ def _point_labels(data: bytes) -> None:
 def _tracklets(data: bytes) -> None:
     for cuboids in cuboids_by_frame(parse_tracklets(data, PATH)).values():
         labels_of_tracklets(cuboids, PATH)
+
+
+def _world_boxes(data: bytes) -> None:
+    boxes = parse_world_boxes(data, PATH).boxes
+    numbers = np.arange(3)
+    index = BoxIndex(boxes, numbers, np.zeros((3, 3)))
+    for number in index.frames(numbers).tolist():
+        index.of_frame(number, Transform.identity(), np.zeros((9, 4), np.float32))
 
 
 def _oxts(data: bytes) -> None:
@@ -213,6 +235,10 @@ TARGETS = (
                     *_other_tracklets(), *samples('kitti/devkit/*tracklet*.xml', lines=90)],
            ('kitti/label_file.py',),
            (b'<item>', b'</item>', b'<!ENTITY a "b">', b'<tracklets>', b'<poses>', b'<h>'),
+           is_text=True, long=_MANY),
+    Target('world boxes', _world_boxes, lambda: [_WORLD_BOXES],
+           ('kitti/kitti360_boxes.py', 'kitti/label_file.py'),
+           (b'<object2>', b'</object1>', b'<transform>', b'<data>', b'<timestamp>', b'-1'),
            is_text=True, long=_MANY),
     Target('oxts', _oxts,
            lambda: [*files('oxts/data/*.txt', Layout.RAW), *files('oxts/*.txt', Layout.TRACKING),
