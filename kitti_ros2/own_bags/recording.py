@@ -96,6 +96,10 @@ class BagRecording:
         self._reencoded = ReencodedImages(survey)
         self._topics = self._choose()
         self.streams = {stream: _index(bag.topics[name]) for stream, name in self._topics.items()}
+        of_boxes = {name for name in bag.topics if own_topics()[name].stream is Stream.LABELS}
+        if self.layout.traits.world_boxes and of_boxes and Stream.LABELS not in self.streams:
+            text = f'{self.root.name}: the labels in {", ".join(sorted(of_boxes))} are not read'
+            self.notes += (f'{text}; those of {DETECTIONS_3D} are, of --objects vision or both',)
         self._face_forward()
         self._unpair()
         large = {

@@ -25,7 +25,7 @@ from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.samples import rect_from_velo
 from kitti_ros2.model.streams import Layout, Stream
-from kitti_ros2.options.messages import MarkerOptions, MessageOptions
+from kitti_ros2.options.messages import MarkerOptions, MessageOptions, Objects
 from kitti_ros2.options.read import ImuOptions, ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive
 from kitti_ros2.synthetic.drive import write_extract
@@ -193,6 +193,14 @@ def test_labels_and_packets_in_a_bag(labelled, tmp_path):
     kitti_ros2.to_kitti(tmp_path / 'bag.mcap', tmp_path / 'again')
     for path in [*labelled.glob('data_3d_bboxes/*/*.xml'), *labelled.rglob('oxts/**/*.txt')]:
         assert (tmp_path / 'again' / path.relative_to(labelled)).read_bytes() == path.read_bytes()
+
+
+def test_labels_in_other_messages_are_not_read_in_silence(labelled, tmp_path):
+    convert_recording(labelled, tmp_path / 'bag.mcap', MessageOptions(objects=Objects.AUTOWARE))
+    recording = kitti_ros2.open(tmp_path / 'bag.mcap')
+    assert 'labels' not in recording.streams
+    (note,) = (note for note in recording.notes if 'labels in' in note)
+    assert '/kitti/labels/markers, /kitti/labels/tracked_objects are not read' in note
 
 
 def test_packets_have_stamps_of_their_own(labelled):
