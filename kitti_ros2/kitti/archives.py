@@ -287,6 +287,8 @@ def describe_source(layout: Layout, path: Path, drive: str = '') -> str:
         day = _day_of(path, drive)
         if day not in CALIB_TIMES.values():
             which = f'{day}, which is no day of KITTI' if day else 'its own day'
+            if day == names.KITTI_360_DATE:
+                which += f'; in KITTI-360, drives are in {", ".join(names.KITTI_360_PARTS)}'
             return f'the drive needs the calibration of {which}'
         member = f'{day}/{path.name}' if _is_file(path) else day
         archive = raw_calib(day)

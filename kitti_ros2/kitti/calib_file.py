@@ -23,7 +23,7 @@ import numpy as np
 
 from ..kitti import archives as calib_archives
 from ..kitti import names
-from ..model.errors import BadFileError
+from ..model.errors import BadFileError, format_count
 from ..model.geometry import NOMINAL_VELO_T_IMU, Transform
 from ..model.samples import Calibration, CameraCalibration, TextFile
 from ..model.streams import CAMERA_COUNT
@@ -111,7 +111,7 @@ class CalibTable:
                     return np.array(parse_numbers(value.split(), count))
                 except ValueError as error:
                     raise BadFileError(
-                        self.path, f'{key}: {error}', f'{count} numbers', line=line
+                        self.path, f'{key}: {error}', format_count(count, 'number'), line=line
                     ) from None
         return None
 

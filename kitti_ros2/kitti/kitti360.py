@@ -23,7 +23,7 @@ file was at hand, the scripts alone.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -70,10 +70,14 @@ if TYPE_CHECKING:
 
 DATA_2D, DATA_3D, DATA_POSES = KITTI_360_PARTS
 POSES, CAM0_TO_WORLD = KITTI_360_POSES
-_POSE_COLUMNS = (13, 17)
+_LARGEST_LEAN = np.cos(np.radians(60.0))
+"""Of a vehicle that a pose can be of; the first pose of drive 0004 leans by 74 degrees."""
 _SAME_M, _SAME_ROTATION = 5e-3, 1e-4
 """Limits for the two files of poses; in 11 drives they differ by 5e-4 m and 5e-7."""
 _NOT_READ = ('data_2d_semantics', 'data_3d_semantics')
+
+LEANING = 'poses lean by more than 60 degrees, or their z is not down'
+"""Beginning of a loss, for validate."""
 
 RENAMED = ('2013_05_28_drive_0002_sync', 4391)
 """The drive whose first images and scans are those of drive 0018, and its first frame with files.
@@ -137,6 +141,21 @@ class Kitti360Recording(KittiRecording):
             self.notes.append(f'{name}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
         others = [root / part for part in _NOT_READ] + [scans / 'sick_points']
         self.notes += [f'{path}: not converted' for path in others if path.is_dir()]
+        self._find_misnamed()
+
+    def _find_misnamed(self) -> None:
+        """Report the folders that look like data of the drive, and are named differently."""
+        streams = (Stream.IMAGE_0, Stream.SCAN, Stream.POSE)
+        start = self.name.rpartition('_')[0]
+        wanted = [
+            (stream, self.root / part, self.name, start)
+            for stream, part in zip(streams, KITTI_360_PARTS, strict=True)
+        ] + [(stream, folder.path, folder.data, '') for stream, folder in self._folders.items()]
+        for stream, parent, expected, start in wanted:
+            for name in () if (parent / expected).is_dir() else STORE.names(parent):
+                if name.startswith(start) and (parent / name).is_dir():
+                    text = f'{parent / name}: not read; expected a folder {expected}'
+                    self._lose_lines(stream, text)
 
     @cached_property
     def _stamps(self) -> dict[Stream, Lines[int]]:
@@ -177,9 +196,9 @@ class Kitti360Recording(KittiRecording):
         if of is not stream:
             self.notes.append(f'{folder}: no {names.TIMESTAMPS}; stamped as {of.value}')
         lines, first = self._stamps[of], 0
-        if 0 < first_file(self.name) <= listing.numbers.min():
+        if 0 < first_file(self.name) <= min(listing.numbers, default=0):
             first = first_file(self.name)
-            self.notes.append(f'{folder}: the files of frames 0 to {first - 1} are in drive 0018')
+            self.notes.append(f'{folder}: files begin at {first}; drive 0018 is the drive before')
         if of is not stream:
             first = len(lines)  # of the stream itself no file lists frames
         self._add_stamped(stream, listing, lines, self._stamps_path(of), first)
@@ -188,20 +207,33 @@ class Kitti360Recording(KittiRecording):
     def _poses_path(self) -> Path:
         """poses.txt, or else cam0_to_world.txt, which has fewer digits."""
         paths = (self._drive / POSES, self._drive / CAM0_TO_WORLD)
-        return next((path for path in paths if path.is_file()), paths[0])
+        return next((path for path in paths if path.is_file() and path.stat().st_size), paths[0])
 
     @cached_property
-    def _poses(self) -> dict[int, Float64Array]:
+    def _listed_poses(self) -> dict[int, Float64Array]:
         """The (3, 4) matrices of the file by frame."""
         lines, numbers = self._parsed(self._poses_path, Stream.POSE, parse_kitti360_poses)
         for error in lines.errors.values():
             self._lose_lines(Stream.POSE, str(error))
-        return dict(sorted((numbers[line], matrix) for line, matrix in lines.sound().items()))
+        return {numbers[line]: matrix for line, matrix in lines.sound().items()}
+
+    @cached_property
+    def _poses(self) -> dict[int, Float64Array]:
+        """The (3, 4) matrices that a vehicle can have, in the order of frames."""
+        # y of camera 0 is down, as z of the GPS/IMU.
+        down = 1 if self._poses_path.name == CAM0_TO_WORLD else 2
+        poses = dict(sorted(self._listed_poses.items()))
+        leaning = [n for n, matrix in poses.items() if -matrix[2, down] < _LARGEST_LEAN]
+        self._lose(Stream.POSE, leaning, f'{self._poses_path}: {LEANING}; left out: frames {{}}')
+        left_out = frozenset(leaning)
+        return {number: poses[number] for number in poses if number not in left_out}
 
     def _add_poses(self) -> None:
         numbers, path = [*self._poses], self._poses_path
         if not numbers:
-            self.notes.append(f'{path}: absent or empty, pose is left out')
+            is_there = path.is_file() and path.stat().st_size
+            which = 'no valid pose' if is_there else 'absent or empty'
+            self.notes.append(f'{path}: {which}, pose is left out')
             return
         if path.name == CAM0_TO_WORLD:
             self.notes.append(f'{path}: read without {POSES}, which has more digits')
@@ -316,10 +348,11 @@ class Kitti360Recording(KittiRecording):
         imu_t_rect = rect_from_imu(calibration).inverse()
         for line, matrix in lines.sound().items():
             where, number = f'{path}:{line + 1}', numbers[line]
-            if number not in self._poses:
+            if number not in self._listed_poses:
                 yield f'{where}: frame {number} is not in {POSES}'
                 continue
-            camera = self._pose(number).world_T_imu @ imu_t_rect
+            pose = Transform.from_matrix(self._listed_poses[number]) @ UPRIGHT
+            camera = pose @ imu_t_rect
             apart = np.abs(camera.matrix()[:3] - matrix)
             if not (apart[:, 3].max() < _SAME_M and apart[:, :3].max() < _SAME_ROTATION):
                 yield f'{where}: frame {number} is {apart[:, 3].max():.3f} m from {POSES}'
@@ -349,10 +382,11 @@ def _describe_holes(numbers: list[int]) -> str:
     return f'{there}, {without} between them have none, up to {widest - 1} in a row'
 
 
-def parse_kitti360_poses(text: str, path: Path | str) -> NumberedPoses:
+def parse_kitti360_poses(text: str, path: Path) -> NumberedPoses:
     """Parse poses.txt (12 numbers after the frame) or cam0_to_world.txt (16, a (4, 4) matrix)."""
-    expected = 'a frame number and 12 or 16 numbers, a pose matrix'
-    rows = parse_lines(text, path, expected, _parse_pose)
+    count = 16 if path.name == CAM0_TO_WORLD else 12
+    expected = f'a frame number and {count} numbers, a pose matrix'
+    rows = parse_lines(text, path, expected, partial(_parse_pose, count=count))
     numbers: list[int] = []
     matrices: list[Float64Array | None] = []
     errors, seen = dict(rows.errors), set[int]()
@@ -367,14 +401,14 @@ def parse_kitti360_poses(text: str, path: Path | str) -> NumberedPoses:
     return NumberedPoses(Lines(matrices, dict(sorted(errors.items()))), numbers)
 
 
-def _parse_pose(line: str) -> tuple[int, Float64Array]:
+def _parse_pose(line: str, count: int) -> tuple[int, Float64Array]:
     words = line.split()
-    if len(words) not in _POSE_COLUMNS:
+    if len(words) != count + 1:
         raise ValueError(f'{len(words)} values')
     number = names.number_of(words[0])
     if number is None:
         raise ValueError(f'{words[0]!r} is no frame number')
-    matrix = np.array(parse_numbers(words[1:], len(words) - 1)).reshape(-1, 4)
+    matrix = np.array(parse_numbers(words[1:], count)).reshape(-1, 4)
     if (matrix[3:] != (0, 0, 0, 1)).any():
         raise ValueError('the last row is not 0 0 0 1')
     return number, matrix[:3]

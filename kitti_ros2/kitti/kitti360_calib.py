@@ -70,8 +70,11 @@ def parse_kitti360_calibration(
         if camera is not None:
             cameras[index] = camera
     imu_t_cam0 = imu_t_cams[0]
-    for index, imu_t_cam in imu_t_cams.items():
-        if index in FISHEYES and imu_t_cam and imu_t_cam0 and velo_t_cam0:
+    for index in filter(FISHEYES.get, imu_t_cams):
+        imu_t_cam = imu_t_cams[index]
+        if imu_t_cam and not (imu_t_cam0 and velo_t_cam0):
+            files.missing[f'P{index}'] = files.missing.get(CAM_TO_VELO) or files.missing['image_00']
+        elif imu_t_cam and imu_t_cam0 and velo_t_cam0:
             cam_t_velo = imu_t_cam.inverse() @ imu_t_cam0 @ velo_t_cam0.inverse()
             camera = files.read(f'P{index}', partial(files.fisheye, index, cam_t_velo), '')
             if camera is not None:
@@ -96,7 +99,7 @@ def _parse_rectified(table: CalibTable, index: int) -> CameraCalibration | None:
     key = f'K_{index:02d}'
     line, value = table.entries.get(key, (0, ''))
     words = value.split()
-    if words:  # ends in 0 in the data set
+    if words and words[-1].strip('0.') == '':  # as in the data set
         table = CalibTable(table.path, {**table.entries, key: (line, ' '.join([*words[:-1], '1']))})
     return parse_raw_camera(table, index, rectified=True)
 
@@ -147,6 +150,11 @@ class _Files(CalibParts):
         if not (xi > 0 and gamma1 > 0 and gamma2 > 0):
             raise BadFileError(path, f'xi {xi:g}, gamma {gamma1:g} {gamma2:g}', 'positive numbers')
         width, height = (_number(values, f'image_{side}') for side in ('width', 'height'))
+        if not (min(width, height) >= 1 and width.is_integer() and height.is_integer()):
+            raise BadFileError(path, f'images of {width:g}x{height:g}', 'whole pixels')
+        line, name = values.entries.get('camera_name', (None, path.stem))
+        if name != path.stem:
+            raise BadFileError(path, f'camera_name is {name}', path.stem, line=line)
         return CameraCalibration(
             np.array([[gamma1, 0, u0, 0], [0, gamma2, v0, 0], [0, 0, 1, 0]]),
             size=(int(width), int(height)),

@@ -452,8 +452,20 @@ def explain(path: Path) -> NotKittiError:
         _explain_around(path)
         or _explain_archives(path, entries)
         or _explain_files(path, entries)
+        or _explain_drives(path)
         or _not_kitti(path, _listed(entries, complete=complete))
     )
+
+
+def _explain_drives(path: Path) -> NotKittiError | None:
+    """Return the error for folders of KITTI-360 whose drives are named differently."""
+    for folder in (path.parent, path, *(path / part for part in names.KITTI_360_PARTS)):
+        if folder.name in names.KITTI_360_PARTS and (entries := _entries(folder)):
+            example = Layout.KITTI_360.traits.default_name
+            return _not_kitti(
+                folder, _listed(entries, complete=True), f'name drives like {example}'
+            )
+    return None
 
 
 def _listed(entries: list[str], *, complete: bool) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,9 +28,6 @@ from kitti_ros2.model.streams import Clock, Layout, Stream
 from kitti_ros2.options.read import ReadOptions
 
 from builders import SHARED, convert_recording  # isort: skip
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 D = '2013_05_28_drive_{}_sync'
 PIXELS = ((1408, 376), (1408, 376), (1400, 1400), (1400, 1400))
@@ -267,7 +264,7 @@ def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
             path.rename(path.with_name(f'{int(path.stem) + 4391:010d}{path.suffix}'))
     recording = open_recording(tmp_path / 'set')
     assert not recording.losses
-    assert sum('0 to 4390 are in drive 0018' in note for note in recording.notes) == 3
+    assert sum('begin at 4391; drive 0018' in note for note in recording.notes) == 3
     assert recording.streams[Stream.SCAN].numbers[0] == 4391
     convert_recording(tmp_path / 'set', tmp_path / 'bag.mcap')
     with kitti_ros2.open(tmp_path / 'bag.mcap') as bag:
@@ -305,6 +302,9 @@ def test_a_calibration_survives_its_files(real):
         ('perspective.txt', 'R_rect_00', 'R_rect_07', 'perspective.txt: no R_rect_00'),
         ('image_02.yaml', 'MEI', 'EUCM', 'image_02.yaml:2: model_type is EUCM; expected MEI'),
         ('image_02.yaml', '   xi', '   eta', 'image_02.yaml: no xi'),
+        ('image_02.yaml', ': 1400', ': 0', 'image_02.yaml: images of 0x0; expected whole pixels'),
+        ('image_02.yaml', 'e: image_02', 'e: image_03', '.yaml:3: camera_name is image_03'),
+        ('image_02.yaml', '2.2134', '.Inf', "image_02.yaml:7: xi: '.Inf"),
         ('image_03.yaml', None, None, 'image_03.yaml: no such file'),
     ],
 )
@@ -322,10 +322,102 @@ def test_what_a_calibration_lacks_is_named(set_of_links, tmp_path, name, old, ne
 
 def test_lines_of_poses():
     row = ' '.join(map(str, np.eye(3, 4).ravel()))
-    text = f'4 {row}\n7 {row} 0 0 0 1 \n7 {row}\nx {row}\n9 1 2\n11 {row} 0 0 1 1\n'
-    lines, numbers = parse_kitti360_poses(text, 'poses.txt')
+    text = f'4 {row}\n7 {row} \n7 {row}\nx {row}\n9 1 2\n11 {row} 0 0 0 1\n'
+    lines, numbers = parse_kitti360_poses(text, Path('poses.txt'))
     assert [numbers[line] for line in lines.sound()] == [4, 7]
     assert [error.line for error in lines.errors.values()] == [3, 4, 5, 6]
     reasons = ' '.join(map(str, lines.errors.values()))
-    for reason in ('frame 7 again', "'x' is no frame number", '3 values', 'last row is not'):
+    for reason in ('frame 7 again', "'x' is no frame number", '3 values', '17 values'):
         assert reason in reasons
+    text = f'4 {row} 0 0 0 1 \n7 {row}\n11 {row} 0 0 1 1\n'
+    lines, numbers = parse_kitti360_poses(text, Path('cam0_to_world.txt'))
+    assert [numbers[line] for line in lines.sound()] == [4]
+    reasons = ' '.join(map(str, lines.errors.values()))
+    for reason in ('13 values; expected a frame number and 16 numbers', 'last row is not'):
+        assert reason in reasons
+
+
+# What a drive lacks, or has under another name: the change, and what is said of it.
+NEXT = D.format('0000')
+
+
+def renamed(old: str, new: str):
+    return lambda root: (root / old).rename(root / new)
+
+
+def without(name: str):
+    return lambda root: shutil.rmtree(root / name)
+
+
+def emptied(name: str):
+    return lambda root: (root / name).write_bytes(b'')
+
+
+SAID = {
+    'poses without _sync': (
+        renamed(f'data_poses/{NEXT}', 'data_poses/2013_05_28_drive_0000'),
+        f'data_poses/2013_05_28_drive_0000: not read; expected a folder {NEXT}',
+    ),
+    'images in data_rgb': (
+        renamed(f'data_2d_raw/{NEXT}/image_00/data_rect', f'data_2d_raw/{NEXT}/image_00/data_rgb'),
+        'image_00/data_rgb: not read; expected a folder data_rect',
+    ),
+    'empty poses.txt': (
+        emptied(f'data_poses/{NEXT}/poses.txt'),
+        'cam0_to_world.txt: read without poses.txt, which has more digits',
+    ),
+    'poses.txt is cam0_to_world.txt': (
+        renamed(f'data_poses/{NEXT}/cam0_to_world.txt', f'data_poses/{NEXT}/poses.txt'),
+        'poses.txt: no valid pose, pose is left out',
+    ),
+    'no poses': (
+        without(f'data_poses/{NEXT}'),
+        'poses.txt: absent or empty, pose is left out',
+    ),
+    'no images': (without('data_2d_raw'), 'image_00: absent, image_0 is left out'),
+    'no scans': (without('data_3d_raw'), 'velodyne_points: absent, scan is left out'),
+}
+
+
+@pytest.mark.parametrize('case', SAID)
+def test_other_names_and_missing_parts_are_named(recordings, tmp_path, case):
+    change, expected = SAID[case]
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.KITTI_360], root)
+    change(root)
+    recording = open_recording(root)
+    said = [*recording.notes, *(loss.text() for loss in recording.losses)]
+    assert any(line.endswith(expected) for line in said), said
+
+
+@pytest.mark.parametrize('below', ['', 'data_2d_raw', 'data_2d_raw/2013_05_28_drive_0000'])
+def test_drives_of_other_names_are_no_drives(tmp_path, below):
+    (tmp_path / 'data_2d_raw/2013_05_28_drive_0000/image_00/data_rect').mkdir(parents=True)
+    with pytest.raises(kitti_ros2.KittiRos2Error, match=f'name drives like {NEXT}'):
+        open_recording(tmp_path / below)
+
+
+def test_a_merged_drive_is_said_to_be_of_kitti_360(recordings, tmp_path):
+    scans = recordings[Layout.KITTI_360] / f'data_3d_raw/{NEXT}/velodyne_points'
+    shutil.copytree(scans, tmp_path / NEXT / 'velodyne_points')
+    missing = open_recording(tmp_path).calibration(0).missing
+    assert any('in KITTI-360, drives are in data_2d_raw' in reason for reason in missing.values())
+
+
+def test_a_tilted_pose_is_left_out(real):
+    """The first one of drive 0004; the map would begin there."""
+    recording = open_recording(real, ReadOptions(sequence='0004'))
+    assert recording.streams[Stream.POSE].numbers[0] == 54
+    (loss,) = recording.losses
+    assert loss.numbers == (1,)
+    assert 'poses lean by more than 60 degrees, or their z is not down' in loss.text()
+
+
+@pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
+def test_what_is_usual_in_the_data_set_is_no_finding(real):
+    """9.57 Hz, no pose of frame 0 and of stops; the samples are excerpts, without most files."""
+    report = kitti_ros2.datasets.validate(real)
+    (tilted,) = (each for each in report.findings if each.severity != 'note'
+                 and each.rule != 'frames-missing')  # fmt: skip
+    assert tilted.place.endswith(f'{D.format("0004")}/poses.txt:1')
+    assert tilted.message == 'the vehicle leans by 74 degrees'
