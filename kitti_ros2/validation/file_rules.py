@@ -9,6 +9,7 @@ import os
 import stat
 from dataclasses import dataclass, field
 from itertools import combinations, pairwise
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -419,6 +420,7 @@ _SAME_POSITION_M = 0.005
 _PARALLEL = 1e-3
 _NEAR_M = 5.0
 _FORWARD = 0.5
+_NARROWEST, _WIDEST = 60.0, 120.0  # KITTI-360's see to 99 and 100 degrees
 _CALIB_TIME = 'calib_time'
 
 
@@ -436,8 +438,40 @@ class CalibrationFile:
     path: Path
     cameras: Collection[int] = ()
 
+    def breach(self, text: str, *keys: str) -> Breach:
+        """Return a breach at the line of the first of keys, or the file of this name."""
+        for key in keys:
+            for file in self.calibration.files:
+                path = self.path / PurePosixPath(file.name).name
+                path = self.path if path.name == self.path.name else path
+                if path.name == key:
+                    return Breach(text, path)
+                for line, words in enumerate(file.text.splitlines(), 1):
+                    if words.replace(':', ' ').split()[:1] == [key]:
+                        return Breach(text, path, line)
+        return Breach(text, self.path)
+
+    def projection_breach(self, text: str, camera: int) -> Breach:
+        """Return a breach at the projection of a camera."""
+        keys = (f'P{camera}', f'P_rect_{camera:02d}', f'image_{camera:02d}.yaml')
+        return self.breach(text, *keys)
+
 
 CALIBRATION_RULES = RuleTable[CalibrationFile](RuleScope.FILE)
+
+
+_ROTATIONS = {
+    'R0_rect': ('R0_rect', 'R_rect', 'R_rect_00'),
+    'Tr_velo_to_cam': (
+        *('Tr_velo_to_cam', 'Tr_velo_cam', 'Tr', names.CALIB_VELO_TO_CAM),
+        names.KITTI_360_CALIB[2],
+    ),
+    'Tr_imu_to_velo': (
+        *('Tr_imu_to_velo', 'Tr_imu_velo', names.CALIB_IMU_TO_VELO),
+        names.KITTI_360_CALIB[1],
+    ),
+}
+"""The keys and files of a rotation, of all layouts."""
 
 
 @CALIBRATION_RULES.add(
@@ -522,7 +556,8 @@ def _find_not_orthonormal(file: CalibrationFile) -> Iterator[Breach]:
         if rotation is not None:
             error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
             if error > _ORTHONORMAL:
-                yield Breach(f'{name}: R R^T differs from the identity by {error:.1g}', file.path)
+                text = f'{name}: R R^T differs from the identity by {error:.1g}'
+                yield file.breach(text, name, *_ROTATIONS.get(name, ()))
 
 
 @CALIBRATION_RULES.add(
@@ -536,15 +571,21 @@ def _find_projection(file: CalibrationFile) -> Iterator[Breach]:
         p = camera.p_rect
         name = f'P{index}'
         if p[0, 0] <= 0 or p[1, 1] <= 0:
-            yield Breach(f'{name}: focal lengths {p[0, 0]:g} and {p[1, 1]:g}', file.path)
+            text = f'{name}: focal lengths {p[0, 0]:g} and {p[1, 1]:g}'
+            yield file.projection_breach(text, index)
         elif not 1 / _FOCAL_RATIO < p[0, 0] / p[1, 1] < _FOCAL_RATIO:
-            yield Breach(f'{name}: focal lengths {p[0, 0]:g} and {p[1, 1]:g} differ', file.path)
+            text = f'{name}: focal lengths {p[0, 0]:g} and {p[1, 1]:g} differ'
+            yield file.projection_breach(text, index)
         if (p[2, :3] != (0, 0, 1)).any():
             row = ' '.join(f'{value:g}' for value in p[2])
-            yield Breach(f'{name}: the last row is {row}; expected 0 0 1 and a number', file.path)
+            text = f'{name}: the last row is {row}; expected 0 0 1 and a number'
+            yield file.projection_breach(text, index)
         if camera.k is not None and (camera.k[0, 0] <= 0 or camera.k[1, 1] <= 0):
             text = f'K_{index:02d}: focal lengths {camera.k[0, 0]:g} and {camera.k[1, 1]:g}'
-            yield Breach(text, file.path)
+            yield file.breach(text, f'K_{index:02d}')
+        if camera.k is not None and (camera.k[2] != (0, 0, 1)).any():
+            row = ' '.join(f'{value:g}' for value in camera.k[2])
+            yield file.breach(f'K_{index:02d}: the last row is {row}', f'K_{index:02d}')
 
 
 @CALIBRATION_RULES.add(
@@ -564,7 +605,7 @@ def _find_baseline(file: CalibrationFile) -> Iterator[Breach]:
         low, high = _BASELINES_M
         if not low < x < high or max(abs(y), abs(z)) > abs(x) / 2:
             text = f'camera {right} is {x:.3f} {y:.3f} {z:.3f} m right, below and before camera'
-            yield Breach(f'{text} {left}', file.path)
+            yield file.projection_breach(f'{text} {left}', right)
 
 
 @CALIBRATION_RULES.add(
@@ -588,12 +629,12 @@ def _find_contradiction(file: CalibrationFile) -> Iterator[Breach]:
         apart = float(np.abs(rectified_offset(camera) - r_rect @ cam_t_cam0.translation).max())
         if apart > _SAME_POSITION_M:
             text = f'P_rect_{index:02d} and R_rect, T put camera {index} {apart:.3f} m apart'
-            yield Breach(text, file.path)
+            yield file.projection_breach(text, index)
     for one, other in combinations(rotations, 2):
         angle = float(np.abs(rotations[one] @ rotations[other].T - np.eye(3)).max())
         if angle > _PARALLEL:
             text = f'R_rect and R of cameras {one} and {other} are not parallel, by {angle:.2g} rad'
-            yield Breach(text, file.path)
+            yield file.breach(text, f'R_rect_{other:02d}')
 
 
 @CALIBRATION_RULES.add(
@@ -609,7 +650,58 @@ def _find_scanner(file: CalibrationFile) -> Iterator[Breach]:
     # Column 0 is the scanner's x axis, forward; camera z is forward, y is down.
     if cam0_t_velo.rotation[2, 0] < _FORWARD or cam0_t_velo.rotation[1, 2] > -_FORWARD:
         text = 'Tr_velo_to_cam: camera 0 does not look along x of the scanner with z up'
-        yield Breach(text, file.path)
+        yield file.breach(text, *_ROTATIONS['Tr_velo_to_cam'])
     distance = float(np.linalg.norm(cam0_t_velo.translation))
     if distance > _NEAR_M:
-        yield Breach(f'Tr_velo_to_cam: the scanner is {distance:.1f} m from camera 0', file.path)
+        text = f'Tr_velo_to_cam: the scanner is {distance:.1f} m from camera 0'
+        yield file.breach(text, *_ROTATIONS['Tr_velo_to_cam'])
+
+
+@CALIBRATION_RULES.add(
+    'calib-mounts',
+    WARNING,
+    'The GPS/IMU faces as the scanner; fisheyes look to the left (2) and right (3) (KITTI-360)',
+    'calib_cam_to_pose.txt maps cameras to the GPS/IMU: check its keys, and that none is inverted',
+)
+def _find_mounts(file: CalibrationFile) -> Iterator[Breach]:
+    mounts = names.KITTI_360_CALIB[1]
+    calib = file.calibration
+    if calib.nominal or not any(text.name.endswith(mounts) for text in calib.files):
+        return
+    velo_t_imu = calib.velo_T_imu
+    # The first column is the axis forward, the third the one up.
+    if min(velo_t_imu.rotation[0, 0], velo_t_imu.rotation[2, 2]) < _FORWARD:
+        yield file.breach('image_00: the GPS/IMU does not face as the scanner, z down', 'image_00')
+    distance = float(np.linalg.norm(velo_t_imu.translation))
+    if distance > _NEAR_M:
+        yield file.breach(f'image_00: the GPS/IMU is {distance:.1f} m from the scanner', 'image_00')
+    for index in names.KITTI_360_FISHEYES:
+        camera, sign = calib.cameras.get(index), 1 if index % 2 == 0 else -1
+        if camera is None or camera.cam_T_velo is None:
+            continue
+        # The third row is the optical axis in the scanner's frame, whose y is to the left.
+        if sign * camera.cam_T_velo.rotation[2, 1] < _FORWARD:
+            side, key = 'left' if sign > 0 else 'right', f'image_{index:02d}'
+            yield file.breach(f'{key}: camera {index} does not look to the {side}', key)
+
+
+@CALIBRATION_RULES.add(
+    'calib-fisheye',
+    WARNING,
+    'Fisheyes see 60 to 120 degrees off their axis at the edges of the image (KITTI-360)',
+    'give the file of this camera; scale it if images were resized',
+)
+def _find_fisheyes(file: CalibrationFile) -> Iterator[Breach]:
+    for index, camera in file.calibration.cameras.items():
+        if camera.lens is None or not camera.lens.is_wide or camera.size is None:
+            continue
+        (width, height), p = camera.size, camera.p_rect
+        edges = np.array(
+            [(0, height / 2), (width, height / 2), (width / 2, 0), (width / 2, height)]
+        )
+        rays = camera.lens.rays((edges - p[:2, 2]) / (p[0, 0], p[1, 1]))
+        angles = np.degrees(np.arccos(rays[:, 2] / np.linalg.norm(rays, axis=1)))
+        if not ((angles > _NARROWEST) & (angles < _WIDEST)).all():
+            shown = ', '.join('no ray' if np.isnan(angle) else f'{angle:.0f}' for angle in angles)
+            text = f'left, right, top and bottom edge are {shown} degrees off the axis'
+            yield file.projection_breach(text, index)

@@ -16,6 +16,7 @@ from ..files.threads import ordered_map, worker_count
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration
 from ..kitti.find import LAYOUTS
+from ..kitti.kitti360 import LEANING
 from ..kitti.kitti_recording import no_calibration
 from ..kitti.scan_file import POINT_BYTES
 from ..kitti.store import STORE
@@ -23,7 +24,7 @@ from ..kitti.text_file import parse_times, parse_timestamps
 from ..model.boxes import DONT_CARE
 from ..model.errors import BadFileError, KittiRos2Error, describe_error
 from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
-from ..model.streams import KITTI_COLUMNS, Stream
+from ..model.streams import KITTI_COLUMNS, Clock, Stream
 from .file_rules import (
     CALIBRATION_RULES,
     FILE_RULES,
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
 
     from ..kitti.find import Candidate
     from ..kitti.kitti_recording import KittiRecording
+    from ..kitti.text_file import NumberedPoses
     from ..model.boxes import Cuboid
     from ..model.streams import Layout
     from ..options.read import ReadOptions, ValidateOptions
@@ -348,9 +350,8 @@ class SequenceChecks:
                 parse = LAYOUTS[self._recording.layout].parse_poses
                 poses = self._parsed(path, text, parse)
                 self._report(poses.lines.errors)
-                self.breaches += find_breaches(
-                    POSE_RULES, PosesFile(path, *poses, self._recording.level_poses)
-                )
+                self._facts.reported.add(f'{path}: {LEANING}')
+                self._check_poses(path, poses)
             elif path.parent.name == names.TRACKING_LABELS:
                 self.labels = self._parsed(path, text, partial(LabelFile.parse, tracking=True))
                 self._report({error.line: error for error in self.labels.errors})
@@ -358,6 +359,14 @@ class SequenceChecks:
         if self._recording.layout.traits.line_streams >= {Stream.OXTS}:
             self._read_packets()
         self._check_calibration()
+
+    def _check_poses(self, path: Path, poses: NumberedPoses) -> None:
+        index = self._recording.streams.get(Stream.POSE)
+        stamps = {}
+        if index is not None and self._recording.clock is not Clock.NOMINAL:
+            stamps = dict(zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True))
+        file = PosesFile(path, *poses, self._recording.level_poses, stamps)
+        self.breaches += find_breaches(POSE_RULES, file)
 
     def check_packets(self) -> None:
         """Check the packets, read here or with their frames, against each other."""

@@ -9,6 +9,7 @@ from array import array
 from collections import Counter
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -444,6 +445,7 @@ _HARDEST = 60.0
 _QUICKEST_TURN = 5.0
 _LONGEST_STEP_S = 1.0
 _FARTHEST_STEP_M = 5.0
+_PERIOD_NS = NS_PER_S // 10
 _ORTHONORMAL = 1e-3
 _LEANING = np.cos(np.radians(30.0))
 
@@ -576,12 +578,21 @@ def _find_extremes(track: PacketTrack) -> Iterator[Breach]:
 
 @dataclass(frozen=True, eq=False)
 class PosesFile:
-    """A file of poses, with the frame of each line; level if the world's z is up or down."""
+    """A file of poses.
+
+    Attributes:
+        path: The file.
+        lines: (3, 4) matrices.
+        numbers: The frame of each line.
+        level: Whether the world's z is up.
+        stamps_ns: Stamps by frame, as far as known.
+    """
 
     path: Path
     lines: Lines[Float64Array]
     numbers: Sequence[int]
     level: bool = False
+    stamps_ns: Mapping[int, int] = field(default_factory=dict)
 
 
 POSE_RULES = RuleTable[PosesFile](RuleScope.RECORDING)
@@ -590,7 +601,7 @@ POSE_RULES = RuleTable[PosesFile](RuleScope.RECORDING)
 @POSE_RULES.add(
     'pose-line',
     ERROR,
-    'Lines of poses are twelve finite numbers',
+    'Lines of poses are twelve finite numbers, in KITTI-360 after the frame, which is listed once',
     'correct the line, or copy the file again',
 )
 def _find_invalid_poses(file: PosesFile) -> Iterator[Breach]:
@@ -615,12 +626,12 @@ def _find_bent_poses(file: PosesFile) -> Iterator[Breach]:
 @POSE_RULES.add(
     'pose-tilt',
     WARNING,
-    'Vehicles lean by less than 30 degrees (KITTI-360)',
-    'do not use the pose: the first one of drive 0004 is wrong, too',
+    'Vehicles lean by less than 30 degrees, and z of the GPS/IMU is down (KITTI-360)',
+    'beyond 60 degrees a pose is left out, such as the first one of drive 0004',
 )
 def _find_tilted(file: PosesFile) -> Iterator[Breach]:
     for line, pose in file.lines.sound().items() if file.level else ():
-        cosine = abs(float(pose[2, 2]))
+        cosine = max(-1.0, -float(pose[2, 2]))
         if cosine < _LEANING:
             angle = np.degrees(np.arccos(cosine))
             yield Breach(f'the vehicle leans by {angle:.0f} degrees', file.path, line + 1)
@@ -629,13 +640,31 @@ def _find_tilted(file: PosesFile) -> Iterator[Breach]:
 @POSE_RULES.add(
     'pose-jump',
     WARNING,
-    'Poses of consecutive frames are less than 5 m apart',
+    'Poses are less than 5 m a frame apart, or 50 m/s',
     'lines are missing, or the trajectory jumps',
 )
 def _find_pose_jumps(file: PosesFile) -> Iterator[Breach]:
     poses = file.lines.sound()
     for line, pose in poses.items():
-        if line - 1 in poses and file.numbers[line] - file.numbers[line - 1] == 1:
+        if line - 1 in poses:
+            before, after = file.numbers[line - 1], file.numbers[line]
             distance = float(np.linalg.norm(pose[:, 3] - poses[line - 1][:, 3]))
-            if distance > _FARTHEST_STEP_M:
+            first_ns = file.stamps_ns.get(before)
+            length_ns = 0 if first_ns is None else file.stamps_ns.get(after, first_ns) - first_ns
+            periods = max(abs(after - before), length_ns / _PERIOD_NS)
+            if distance > _FARTHEST_STEP_M * periods:
                 yield Breach(f'{distance:.1f} m from the pose above', file.path, line + 1)
+
+
+@POSE_RULES.add(
+    'pose-order',
+    WARNING,
+    'Frames of poses ascend (KITTI-360)',
+    'check whether lines of two files were joined; poses are read by frame',
+)
+def _find_pose_order(file: PosesFile) -> Iterator[Breach]:
+    lines = list(file.lines.sound())
+    for before, line in pairwise(lines):
+        if file.numbers[line] < file.numbers[before]:
+            text = f'frame {file.numbers[line]} after frame {file.numbers[before]}'
+            yield Breach(text, file.path, line + 1)

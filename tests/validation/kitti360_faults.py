@@ -60,11 +60,6 @@ def whole(name: str, damage, *rest: object):
     return lambda root, _: damage(root / name, *rest)
 
 
-def calib(name: str, damage, *rest: object):
-    """Findings name the folder, unless a line is known."""
-    return lambda root, _: damage(root / name, *rest).parent
-
-
 def line_of(name: str, text: str):
     return lambda root, n: edit_line(root / name, n + 1, lambda _: text)
 
@@ -127,6 +122,74 @@ def shifted_by_a_frame(root: Path, _: int) -> Path:
     return root / CAMERAS
 
 
+def z_up(root: Path, n: int) -> Path:
+    """A pose of imu_link, as other programs write them."""
+    words = (root / POSES).read_text().splitlines()[n].split()
+    turned = [negative(word) if i % 4 in (2, 3) else word for i, word in enumerate(words)]
+    return edit_line(root / POSES, n + 1, lambda _: ' '.join([words[0], *turned[1:]]))
+
+
+def negative(word: str) -> str:
+    return f'{-float(word):.10g}'
+
+
+def turned_over(line: str) -> str:
+    """A mount in a frame of y left and z up."""
+    key, *words = line.split()
+    return ' '.join([key, *words[:4], *map(negative, words[4:])])
+
+
+def reversed_poses(root: Path, _: int) -> Path:
+    path = root / POSES
+    path.write_text(''.join(path.read_text().splitlines(keepends=True)[::-1]))
+    return path
+
+
+def renamed(path: Path, name: str) -> Path:
+    return path.rename(path.with_name(name))
+
+
+FISHEYE = """%YAML:1.0
+model_type: MEI
+camera_name: image_02
+image_width: 1400
+image_height: 1400
+mirror_parameters:
+   xi: 2.2
+distortion_parameters:
+   k1: 0.01
+   k2: 0
+   p1: 0
+   p2: 0
+projection_parameters:
+   gamma1: 1500
+   gamma2: 1500
+   u0: 700
+   v0: 700
+"""
+TO_THE_LEFT = 'image_02: 1 0 0 0.7 0 0 -1 -0.1 0 1 0 -1.1'
+"""x forward, y down, z to the left, in a frame of x forward, y right, z down."""
+
+
+def fisheye(root: Path, *changes: str) -> Path:
+    """Add a fisheye with other values of some keys."""
+    text = FISHEYE
+    for line in ''.join(changes).splitlines():
+        key = line.partition(':')[0]
+        text = ''.join(
+            f'{line}\n' if each.startswith(f'{key}:') else each
+            for each in text.splitlines(keepends=True)
+        )
+    add_line(root / TO_POSE, TO_THE_LEFT)
+    path = root / 'calibration/image_02.yaml'
+    path.write_text(text)
+    return path
+
+
+def to_the_right(_: str) -> str:
+    return TO_THE_LEFT.replace('-1 -0.1 0 1', '1 0.1 0 -1')
+
+
 _ROWS = (
     ('scan of 0 bytes', 'file-empty', of(scan, empty)),
     ('scan cut inside a point', 'scan-size', of(scan, cut, -3)),
@@ -184,10 +247,36 @@ _ROWS = (
     ('cam_to_velo of 11 numbers', 'calib-value', whole(
         TO_VELO, edit_line, 1, lambda line: line.rsplit(' ', 1)[0]), (), True),
     ('P_rect is text', 'calib-value', whole(PERSPECTIVE, set_key, 'P_rect_01', first_word('x'))),
-    ('cam_to_velo inverted', 'calib-scanner', calib(
+    ('cam_to_velo inverted', 'calib-scanner', whole(
         TO_VELO, edit_line, 1, lambda _: '0 -1 0 0 0 0 -1 0 1 0 0 0'), (), True),
-    ('P_rect of another calibration', 'calib-contradiction', calib(
+    ('P_rect of another calibration', 'calib-contradiction', whole(
         PERSPECTIVE, set_key, 'T_01', first_word('-1')), (), True),
+    ('K that ends in 7', 'calib-projection', whole(
+        PERSPECTIVE, set_key, 'K_00', lambda words: [*words[:-1], '7']), (), True),
+    ('GPS/IMU with z up', 'calib-mounts', whole(
+        TO_POSE, edit_line, 1, turned_over), (), True),
+    ('fisheyes exchanged', 'calib-mounts', lambda root, _: edit_line(
+        fisheye(root, '').parent / 'calib_cam_to_pose.txt', 3, to_the_right), (), True),
+    ('fisheye of another camera', 'calib-value', lambda root, _: fisheye(
+        root, 'camera_name: image_03'), (), True),
+    ('fisheye of no pixels', 'calib-value', lambda root, _: fisheye(
+        root, 'image_width: 0'), (), True),
+    ('fisheye of another model', 'calib-value', lambda root, _: fisheye(
+        root, 'model_type: EUCM'), (), True),
+    ('fisheye of an image half as large', 'calib-fisheye', lambda root, _: fisheye(
+        root, '   gamma1: 3000\n   gamma2: 3000'), (), True),
+    ('distortion of another model', 'calib-fisheye', lambda root, _: fisheye(
+        root, '   k1: -50'), (), True),
+    ('poses of the camera as those of the GPS/IMU', 'pose-line', lambda root, n: edit_line(
+        root / POSES, n + 1, lambda line: f'{line} 0 0 0 1')),
+    ('poses with z up', 'pose-tilt', z_up),
+    ('poses in another order', 'pose-order', reversed_poses, (), True),
+    ('pose far away after a hole', 'pose-jump', lambda root, n: set_word(
+        edit_line(root / POSES, n, lambda _: '') and root / POSES, n + 1, 12, '500'), (), True),
+    ('folder of poses without _sync', 'data-unusable', whole(
+        f'data_poses/{D}', renamed, D.removesuffix('_sync')), (), True),
+    ('images in the folder of fisheyes', 'data-unusable', whole(
+        f'{RIGHT}/data_rect', renamed, 'data_rgb'), (), True),
 )  # fmt: skip
 
 FAULTS = tuple(Fault(*row)._replace(layout=Layout.KITTI_360) for row in _ROWS)

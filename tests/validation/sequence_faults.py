@@ -121,7 +121,7 @@ def first_word(value: str):
 
 
 def other_place(root: Path, _: int) -> Path:
-    return set_key(root / DATE / 'calib_cam_to_cam.txt', 'T_03', first_word('-1')).parent
+    return set_key(root / DATE / 'calib_cam_to_cam.txt', 'T_03', first_word('-1'))
 
 
 def sequence(name: str):

@@ -49,6 +49,7 @@ def test_everything_below_a_folder_is_checked(root):
     report = validate(root)
     assert report.ok
     drives = ['2011_09_26_drive_0001_sync', '2011_09_26_drive_0002_sync']
+    drives.append('2013_05_28_drive_0000_sync')
     assert names(report) == ['00', '0000', '01', *drives, 'testing', 'training']
     assert names(validate(root / 'bags')) == ['bag.mcap']
 
