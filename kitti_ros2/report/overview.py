@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 # The cameras and static transforms of a recording or a bag.
 
 _MOST_TF = 200
+_FISHEYES = ('mei', 'equidistant', 'fisheye')
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class CameraSummary:
     """A camera's numbers: name, image size, focal lengths and centre in pixels, baseline in m.
 
     Unknown values are None: the size if only images have it, the rest of an uncalibrated camera.
+    The focal lengths of a fisheye, whose model is named, give no field of view.
     """
 
     name: str
@@ -64,12 +66,14 @@ class CameraSummary:
     cx: float | None
     cy: float | None
     baseline_m: float | None
+    fisheye: str = ''
 
     def cells(self) -> tuple[str, ...]:
         """Format name, fx, fy, cx, cy and baseline for a table; unknown values are empty."""
         pixels = (self.fx, self.fy, self.cx, self.cy)
+        name = self.name.removesuffix('/camera_info')
         return (
-            self.name.removesuffix('/camera_info'),
+            f'{name} ({self.fisheye})' if self.fisheye else name,
             *('' if value is None else f'{value:.2f}' for value in pixels),
             f'{self.baseline_m:.4f}' if abs(self.baseline_m or 0) > 1e-6 else '',
         )
@@ -146,7 +150,9 @@ def _camera_summary(name: str, info: CameraInfo) -> CameraSummary:
     # Drivers of uncalibrated cameras fill in zeros.
     calibrated = bool(k[0, 0]) and bool(k[1, 1])
     fx, fy, cx, cy, baseline = (_finite(float(value)) if calibrated else None for value in values)
-    return CameraSummary(name, info.width or None, info.height or None, fx, fy, cx, cy, baseline)
+    size = (info.width or None, info.height or None)
+    fisheye = info.distortion_model if info.distortion_model in _FISHEYES else ''
+    return CameraSummary(name, *size, fx, fy, cx, cy, baseline, fisheye)
 
 
 def _finite(value: float) -> float | None:

@@ -285,7 +285,7 @@ def _camera_table(cameras: Sequence[CameraSummary]) -> Table:
 
 
 def _field_of_view(camera: CameraSummary) -> str:
-    if not camera.width or camera.fx is None or camera.fx <= 0:
+    if not camera.width or camera.fisheye or camera.fx is None or camera.fx <= 0:
         return ''
     angle = 2 * np.degrees(np.arctan(camera.width / 2 / camera.fx))
     return f'{angle:.1f}\N{DEGREE SIGN}'

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import kitti_ros2
+from kitti_ros2.cli import main
 from kitti_ros2.kitti.kitti360 import parse_kitti360_poses
 from kitti_ros2.kitti.kitti360_calib import (
     format_kitti360_calibration,
@@ -335,6 +336,18 @@ def test_lines_of_poses():
     reasons = ' '.join(map(str, lines.errors.values()))
     for reason in ('13 values; expected a frame number and 16 numbers', 'last row is not'):
         assert reason in reasons
+
+
+def test_info_names_the_model_of_fisheyes(real, capsys):
+    """Their focal lengths are no pinhole's: 1336 of 1400 pixels are no 55 degrees."""
+    assert main(['info', str(real), '--sequence', '3']) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [line[:2] for line in lines if line and line[0].startswith('camera_')][:4] == [
+        ['camera_0', '1408x376'],
+        ['camera_1', '1408x376'],
+        ['camera_2', '(mei)'],
+        ['camera_3', '(mei)'],
+    ]
 
 
 # What a drive lacks, or has under another name: the change, and what is said of it.
