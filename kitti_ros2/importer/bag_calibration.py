@@ -18,7 +18,7 @@ from ..kitti.calib_file import parse_calibration, parse_raw_calibration
 from ..kitti.kitti360_calib import parse_kitti360_calibration
 from ..kitti.store import STORE
 from ..messages.camera_info import PLUMB_BOB, RATIONAL
-from ..messages.naming import CALIBRATION, PRESETS, FrameNames
+from ..messages.naming import CALIBRATION, PRESETS
 from ..messages.rectified_cameras import angle_of, viewpoints
 from ..messages.tf_tree import AXES, find_body, known_heading
 from ..model.bag_formats import TF_TYPES
@@ -243,8 +243,11 @@ _KITTI_FRAMES = [
     {index: naming.frames_of({}).camera(index) for index in CAMERA_NAMES}
     for naming in PRESETS.values()
 ]
-_KITTI_360 = FrameNames(cameras=Layout.KITTI_360.traits.camera_names)
-_KITTI_FRAMES += [{index: _KITTI_360.camera(index % 2) for index in CAMERA_NAMES}]
+_KITTI_360 = Layout.KITTI_360.traits.camera_names
+_KITTI_FRAMES += [
+    {index: naming.frames_of(_KITTI_360).camera(index % 2) for index in CAMERA_NAMES}
+    for naming in PRESETS.values()
+]
 """KITTI-360's cameras 0 and 1 are both pairs."""
 
 

@@ -25,7 +25,7 @@ from ..kitti.names import OTHER_RIGS
 from ..messages.cdr import body_after_header, peek_first_stamp, peek_header, stamp_ns_of
 from ..messages.clouds import TurnTimes, has_times
 from ..messages.detections import boxes_in
-from ..messages.naming import CALIBRATION, RECORDING, FrameNames
+from ..messages.naming import CALIBRATION, PRESETS, RECORDING
 from ..messages.oxts import has_motion, position_of
 from ..messages.scan_sources import SCAN_TYPES
 from ..messages.source_texts import decode_texts
@@ -447,9 +447,11 @@ class Survey:
 
         It is there without images, too.
         """
-        frame_id = FrameNames(cameras=Layout.KITTI_360.traits.camera_names).camera(0)
-        is_own = RECORDING in self.topics and frame_id in self.tree.frames
-        return frame_id if is_own else ''
+        if RECORDING not in self.topics:
+            return ''
+        cameras = Layout.KITTI_360.traits.camera_names
+        own = (naming.frames_of(cameras).camera(0) for naming in PRESETS.values())
+        return next((frame_id for frame_id in own if frame_id in self.tree.frames), '')
 
     def tree_with(self, static: Sequence[Link], lost: str = '') -> FrameTree:
         """Return the tree of all links and more static ones.

@@ -30,6 +30,7 @@ from kitti_ros2.model.boxes import Cuboid
 from kitti_ros2.model.errors import UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.messages import MessageOptions, Preset
 from kitti_ros2.options.outputs import BagOptions, ImportOptions
 
 from builders import SHARED, convert_recording  # isort: skip
@@ -64,6 +65,10 @@ def bags(real, tmp_path_factory):
     for drive in ('0000', '0003', '0008'):
         made[drive] = folder / f'{drive}.mcap'
         convert_recording(folder / 'set/data_poses' / D.format(drive), made[drive])
+    made['kitti2bag'] = folder / 'kitti2bag.bag'
+    names = MessageOptions(preset=Preset.KITTI2BAG)
+    source = folder / 'set/data_poses' / D.format('0000')
+    convert_recording(source, made['kitti2bag'], names, storage='ros1')
     return made
 
 
@@ -129,8 +134,9 @@ def test_scans_are_those_of_the_files_on_request(real, bags, tmp_path):
 
 
 def test_all_four_projections_are_those_of_the_pair(bags, tmp_path):
-    for drive in ('0000', '0008'):
-        convert(bags[drive], tmp_path / drive, Layout.OBJECT)
+    for drive in ('0000', '0008', 'kitti2bag'):
+        _, guessed = convert(bags[drive], tmp_path / drive, Layout.OBJECT)
+        assert guessed.plan.scan.forward == 'camera'
         calib = read_calib(tmp_path / drive / 'training/calib/000000.txt')
         assert [calib[f'P{index}'][3] for index in range(4)] == [0, -328.318735, 0, -328.318735]
 
