@@ -143,7 +143,7 @@ def _in_kitti_360(parts: Parts, archive: str) -> tuple[int, Parts] | None:
             return (index, (folder, *parts[index:])) if folder else None
         if drive and drive[0].startswith(names.KITTI_360_DATE) and part in _IN_KITTI_360:
             return index, (_IN_KITTI_360[part], drive[0], *parts[index:])
-    if parts[-1] in names.KITTI_360_CALIB or parts[-1] == 'calib_sick_to_velo.txt':
+    if parts[-1] in names.KITTI_360_CALIB:
         return len(parts) - 1, (names.KITTI_360_CALIBRATION, parts[-1])
     return None
 

@@ -9,7 +9,7 @@ Files in calibration/ (KITTI-360's documentation and the authors' scripts):
 - calib_cam_to_velo.txt: 12 numbers without a key, the *unrectified* camera 0 in velo_link.
 - perspective.txt: keys as in calib_cam_to_cam.txt of raw drives; K_00 and K_01 end in 0, not 1.
 - image_02.yaml, image_03.yaml: OpenCV's FileStorage, `%YAML:1.0` without `---`, which is no YAML.
-- calib_sick_to_velo.txt: the line scanner, which is not read.
+- calib_sick_to_velo.txt: the line scanner, which is kept as it is.
 """
 
 from __future__ import annotations

@@ -74,6 +74,7 @@ KITTI_360_CALIB = (
     'calib_cam_to_pose.txt',
     'calib_cam_to_velo.txt',
     *KITTI_360_FISHEYES.values(),
+    'calib_sick_to_velo.txt',
 )
 OTHER_RIGS = frozenset(KITTI_360_CALIB)
 """Files of calibrations whose cameras are numbered unlike KITTI's: 2 and 3 are no colour pair."""

@@ -52,7 +52,7 @@ def of_drive(root: Path, drive: str) -> dict[str, bytes]:
     return {
         name: data
         for name, data in files_of(root).items()
-        if drive in name or (name.startswith('calibration/') and 'sick' not in name)
+        if drive in name or name.startswith('calibration/')
     }
 
 
