@@ -327,9 +327,12 @@ class Calibration:
         return any(camera.cam_T_velo is not None for camera in self.cameras.values())
 
     def is_independent(self, index: int) -> bool:
-        """Return whether a camera has extrinsics of its own; an absent one as any other."""
-        camera = self.cameras.get(index)
-        return self.independent_cameras if camera is None else camera.cam_T_velo is not None
+        """Return whether a camera has extrinsics of its own, or lost those that others have.
+
+        Without them a camera is one of the rectified rig, if camera 0 is (KITTI-360).
+        """
+        own = {number for number, camera in self.cameras.items() if camera.cam_T_velo is not None}
+        return index in own or (bool(own) and (0 in own or self.cam0_T_velo is None))
 
 
 Sample: TypeAlias = (

@@ -66,7 +66,7 @@ class CameraSummary:
     cx: float | None
     cy: float | None
     baseline_m: float | None
-    fisheye: str = ''
+    fisheye: str | None = None
 
     def cells(self) -> tuple[str, ...]:
         """Format name, fx, fy, cx, cy and baseline for a table; unknown values are empty."""
@@ -151,7 +151,7 @@ def _camera_summary(name: str, info: CameraInfo) -> CameraSummary:
     calibrated = bool(k[0, 0]) and bool(k[1, 1])
     fx, fy, cx, cy, baseline = (_finite(float(value)) if calibrated else None for value in values)
     size = (info.width or None, info.height or None)
-    fisheye = info.distortion_model if info.distortion_model in _FISHEYES else ''
+    fisheye = info.distortion_model if info.distortion_model in _FISHEYES else None
     return CameraSummary(name, *size, fx, fy, cx, cy, baseline, fisheye)
 
 

@@ -336,6 +336,8 @@ class SequenceChecks:
 
     def run(self, *, quick: bool) -> None:
         """Check the files, or with quick their sizes only."""
+        if not quick:  # first: the checks below take the texts
+            self._facts.contradictions += self._recording.contradictions()
         texts = {}
         of_set = self._recording.layout.traits.frame_set  # lists of frames: see set_rules
         for path in () if of_set else self._recording.text_paths():

@@ -53,6 +53,7 @@ class RecordingFacts:
         images: File numbers of the images of each shape, by stream.
         reported: Beginnings of the reader's losses that other rules report.
         occlusions: Number of labels of each occlusion, without DontCare.
+        contradictions: Between its text files, each with file and line.
     """
 
     recording: KittiRecording
@@ -61,6 +62,7 @@ class RecordingFacts:
     images: dict[Stream, dict[ImageShape, array[int]]] = field(default_factory=dict)
     reported: set[str] = field(default_factory=set)
     occlusions: Counter[int] = field(default_factory=Counter)
+    contradictions: list[str] = field(default_factory=list)
 
     def enter_scan(self, number: int, points: int) -> None:
         """Add the number of points of a scan."""
@@ -127,7 +129,7 @@ def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
     'give the files of one download',
 )
 def _find_contradictions(facts: RecordingFacts) -> Iterator[Breach]:
-    for text in facts.recording.contradictions():
+    for text in facts.contradictions:
         yield breach_in(text, facts.recording.root)
 
 
