@@ -213,7 +213,7 @@ def test_image_topics_of_each_layout(recordings, tmp_path, layout, preset):
     image = 'image_raw' if raw else 'image_rect'
     found = {topic for topic, count in report.counts.items() if count and '/camera_' in topic}
     found = {topic for topic in found if not topic.endswith('camera_info')}
-    cameras = {'color_left', 'color_right'}
+    cameras = {'0', '1'} if layout is Layout.KITTI_360 else {'color_left', 'color_right'}
     cameras |= {'gray_left', 'gray_right'} if layout in {Layout.RAW, Layout.ODOMETRY} else set()
     names = {f'/kitti/camera_{camera}/{image}' for camera in cameras}
     assert found == names | {f'{name}/compressed' for name in names}
