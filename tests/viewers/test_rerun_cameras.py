@@ -19,7 +19,7 @@ from kitti_ros2.messages.camera_info import camera_model
 from kitti_ros2.messages.rectified_cameras import Viewpoint
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.recording import BY_POSITION
-from kitti_ros2.model.streams import CAMERA_NAMES, Stream
+from kitti_ros2.model.streams import Stream
 from kitti_ros2.options.messages import MessageOptions
 from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
@@ -86,8 +86,8 @@ def test_points_of_the_scanner_land_where_kitti_projects_them(recording_path, tm
     calibration = recording.calibration(number)
     rect = Transform(calibration.r0_rect, np.zeros(3)) @ calibration.cam0_T_velo
     points = np.column_stack([rect.apply(street()), np.ones(300)])
-    for index in recording.cameras:
-        image = f'/kitti/camera_{CAMERA_NAMES[index]}/image_rect/compressed'
+    for index, name in recording.cameras.items():
+        image = f'/kitti/camera_{name}/image_rect/compressed'
         expected = through(calibration.cameras[index].p_rect, points)
         found = pixels_in(rrd, image, 'velo_link', street())
         np.testing.assert_allclose(found, expected, atol=0.05)  # Rerun keeps float32
