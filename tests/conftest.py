@@ -103,6 +103,15 @@ def real_kitti() -> Path:
 
 
 @pytest.fixture(scope='session')
+def real_360() -> Path:
+    """Real KITTI-360 files; they are not part of the project."""
+    folder = SHARED / 'kitti360'
+    if not folder.is_dir():
+        pytest.skip(f'no real KITTI-360 samples at {folder}')
+    return folder
+
+
+@pytest.fixture(scope='session')
 def make_drive(real_kitti: Path, tmp_path_factory: pytest.TempPathFactory):
     """A function that lays out a drive of n real frames; gaps as STREAM:FIRST-LAST."""
     tool = real_kitti.parent / 'tools' / 'make_drive.py'

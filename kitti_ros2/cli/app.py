@@ -257,9 +257,7 @@ _OTHER_NAMES = {
     **dict.fromkeys(('convert', 'export', 'import'), _CONVERT),
     **dict.fromkeys(('show', 'plot', 'draw', 'visualize'), 'did you mean view?'),
     **dict.fromkeys(('score', 'evaluate', 'benchmark'), 'did you mean eval?'),
-    **{
-        word: f'did you mean eval {word}?' for word in ('detection', 'odometry', 'tracking', 'live')
-    },
+    **{word: f'did you mean eval {word}?' for word in _SCORED},
     'check': 'did you mean validate?',
     'repair': 'did you mean recover?',
     'unzip': 'did you mean extract?',

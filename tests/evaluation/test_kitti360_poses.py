@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
-from builders import SHARED, convert_recording
+from builders import convert_recording
 
 from kitti_ros2.evaluation import evaluate_odometry
 from kitti_ros2.evaluation.trajectories import segment_errors
@@ -22,17 +22,9 @@ LAST = 1030  # of drive 0003: 1010 of its frames 0 to 1030 have a pose
 
 
 @pytest.fixture(scope='module')
-def real():
-    folder = SHARED / 'kitti360'
-    if not folder.is_dir():
-        pytest.skip(f'no real KITTI-360 samples at {folder}')
-    return folder
-
-
-@pytest.fixture(scope='module')
-def camera_rows(real):
+def camera_rows(real_360):
     """(N, 17) frame numbers and 4x4 poses of the rectified camera 0."""
-    return np.loadtxt(real / DRIVE / 'cam0_to_world.txt')
+    return np.loadtxt(real_360 / DRIVE / 'cam0_to_world.txt')
 
 
 @pytest.fixture
@@ -55,11 +47,11 @@ def lined(camera_rows, tmp_path):
 
 
 @pytest.mark.parametrize('truth', ['', 'poses.txt', 'cam0_to_world.txt', 'bag'])
-def test_all_forms_of_a_ground_truth_agree(real, numbered, tmp_path, truth):
-    path = real / DRIVE / truth
+def test_all_forms_of_a_ground_truth_agree(real_360, numbered, tmp_path, truth):
+    path = real_360 / DRIVE / truth
     if truth == 'bag':
         path = tmp_path / 'bag.mcap'
-        convert_recording(real / DRIVE, path)
+        convert_recording(real_360 / DRIVE, path)
     scores = evaluate_odometry(path, numbered)
     assert len(scores.numbers) == 1010
     assert (scores.numbers[0], scores.numbers[-1]) == (1, LAST)
@@ -70,22 +62,22 @@ def test_all_forms_of_a_ground_truth_agree(real, numbered, tmp_path, truth):
 
 
 @pytest.mark.parametrize('name', ['orbslam', 'semantic_suma'])
-def test_lines_without_numbers_are_no_guess(real, name):
-    result = real / f'extra/slam_test_data/{name}/test_poses_0.txt'
+def test_lines_without_numbers_are_no_guess(real_360, name):
+    result = real_360 / f'extra/slam_test_data/{name}/test_poses_0.txt'
     expected = r'933 poses without frame numbers.*1 to 1030 with gaps.*write the frame number first'
     with pytest.raises(UsageError, match=expected):
-        evaluate_odometry(real / DRIVE, result)
+        evaluate_odometry(real_360 / DRIVE, result)
 
 
 @pytest.mark.parametrize('lines', [1010, LAST])
-def test_as_many_lines_as_poses_are_refused(real, lined, lines):
+def test_as_many_lines_as_poses_are_refused(real_360, lined, lines):
     with pytest.raises(UsageError, match='which line is which frame is not known'):
-        evaluate_odometry(real / DRIVE / 'cam0_to_world.txt', lined(lines))
+        evaluate_odometry(real_360 / DRIVE / 'cam0_to_world.txt', lined(lines))
 
 
 @pytest.mark.parametrize('lines', [LAST + 1, LAST + 5])
-def test_a_line_for_each_frame_is_taken_and_said(real, lined, lines):
-    scores = evaluate_odometry(real / DRIVE, lined(lines))
+def test_a_line_for_each_frame_is_taken_and_said(real_360, lined, lines):
+    scores = evaluate_odometry(real_360 / DRIVE, lined(lines))
     assert scores.losses == ()
     assert scores.ape_m < 2e-3
     assert any('line n, from 0, is taken as frame n' in note for note in scores.notes)
@@ -93,15 +85,15 @@ def test_a_line_for_each_frame_is_taken_and_said(real, lined, lines):
 
 
 @pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
-def test_a_frame_without_a_result_is_still_a_loss(real, numbered):
+def test_a_frame_without_a_result_is_still_a_loss(real_360, numbered):
     lines = numbered.read_text().splitlines(keepends=True)
     numbered.write_text(''.join(lines[:500] + lines[503:]))
-    (loss,) = evaluate_odometry(real / DRIVE, numbered).losses
+    (loss,) = evaluate_odometry(real_360 / DRIVE, numbered).losses
     assert loss.count == 3
 
 
-def test_poses_of_the_imu_out_of_their_folder_are_said(real, numbered, tmp_path):
-    shutil.copyfile(real / DRIVE / 'poses.txt', tmp_path / 'poses.txt')
+def test_poses_of_the_imu_out_of_their_folder_are_said(real_360, numbered, tmp_path):
+    shutil.copyfile(real_360 / DRIVE / 'poses.txt', tmp_path / 'poses.txt')
     notes = evaluate_odometry(tmp_path / 'poses.txt', numbered).notes
     assert any(
         'z of its frames points down, as in poses.txt of KITTI-360' in note for note in notes
@@ -116,9 +108,9 @@ def test_poses_of_the_imu_out_of_their_folder_are_said(real, numbered, tmp_path)
         ('calib_cam_to_velo.txt', 'cam0_T_velo'),
     ],
 )
-def test_an_unknown_mount_is_said(real, numbered, tmp_path, name, part):
+def test_an_unknown_mount_is_said(real_360, numbered, tmp_path, name, part):
     for folder in ('calibration', DRIVE):
-        shutil.copytree(real / folder, tmp_path / 'set' / folder, copy_function=shutil.copyfile)
+        shutil.copytree(real_360 / folder, tmp_path / 'set' / folder, copy_function=shutil.copyfile)
     (tmp_path / 'set/calibration' / name).unlink()
     notes = evaluate_odometry(tmp_path / 'set' / DRIVE, numbered).notes
     assert any(note.startswith(f'{part}: not known') for note in notes)
@@ -131,8 +123,8 @@ def test_a_drive_without_poses_is_refused(recordings, numbered, tmp_path):
         evaluate_odometry(tmp_path / 'set', numbered)
 
 
-def test_a_last_row_that_is_none(real, numbered, tmp_path):
-    text = (real / DRIVE / 'cam0_to_world.txt').read_text()
+def test_a_last_row_that_is_none(real_360, numbered, tmp_path):
+    text = (real_360 / DRIVE / 'cam0_to_world.txt').read_text()
     path = tmp_path / 'cam0_to_world.txt'
     path.write_text(text.replace('0.000000 0 0.000000 1', '0.000000 1 0.000000 1'))
     with pytest.raises(BadFileError, match='the last row is not 0 0 0 1'):

@@ -33,7 +33,7 @@ from kitti_ros2.model.streams import Layout, Stream
 from kitti_ros2.options.messages import MessageOptions, Preset
 from kitti_ros2.options.outputs import BagOptions, ImportOptions
 
-from builders import SHARED, convert_recording  # isort: skip
+from builders import convert_recording  # isort: skip
 
 D = '2013_05_28_drive_{}_sync'
 COURSE = 'extra/course_boxes/BBoxes_1134.json'
@@ -44,19 +44,11 @@ FRAMES = {('0000', 1134): (112580, 25407, 25225), ('0008', 3000): (111883, 27707
 
 
 @pytest.fixture(scope='module')
-def real():
-    folder = SHARED / 'kitti360'
-    if not folder.is_dir():
-        pytest.skip(f'no real KITTI-360 samples at {folder}')
-    return folder
-
-
-@pytest.fixture(scope='module')
-def bags(real, tmp_path_factory):
+def bags(real_360, tmp_path_factory):
     """The bags of drives 0000 and 0008, the first with an image of each fisheye."""
     folder = tmp_path_factory.mktemp('kitti360_bags')
-    shutil.copytree(real, folder / 'set', copy_function=shutil.copyfile)
-    fisheye = real / IMAGES.format(D.format('0003'), 2, 'data_rgb', 0)
+    shutil.copytree(real_360, folder / 'set', copy_function=shutil.copyfile)
+    fisheye = real_360 / IMAGES.format(D.format('0003'), 2, 'data_rgb', 0)
     for camera in (2, 3):
         path = folder / 'set' / IMAGES.format(D.format('0000'), camera, 'data_rgb', 1134)
         path.parent.mkdir(parents=True)
@@ -105,13 +97,13 @@ def counts(split):
 
 
 @pytest.mark.parametrize(('drive', 'number'), FRAMES)
-def test_points_in_the_images_of_an_object_set(real, bags, drive, number, tmp_path):
+def test_points_in_the_images_of_an_object_set(real_360, bags, drive, number, tmp_path):
     report, guessed = convert(bags[drive], tmp_path / 'out', Layout.OBJECT)
     split = tmp_path / 'out/training'
     assert not report.losses
     assert counts(split) == FRAMES[drive, number]
     for camera, folder in ((0, 'image_2'), (1, 'image_3')):
-        path = real / IMAGES.format(D.format(drive), camera, 'data_rect', number)
+        path = real_360 / IMAGES.format(D.format(drive), camera, 'data_rect', number)
         if path.is_file():
             assert (split / folder / '000000.png').read_bytes() == path.read_bytes()
     # Loaders take x of the scans as the optical axis, seen from above.
@@ -119,16 +111,16 @@ def test_points_in_the_images_of_an_object_set(real, bags, drive, number, tmp_pa
     calib = read_calib(split / 'calib/000000.txt')
     axis = calib['Tr_velo_to_cam'].reshape(3, 4)[2, :3]
     assert abs(np.degrees(np.arctan2(axis[1], axis[0]))) < 1e-3
-    own = np.fromfile(real / SCANS.format(D.format(drive), number), np.float32).reshape(-1, 4)
+    own = np.fromfile(real_360 / SCANS.format(D.format(drive), number), np.float32).reshape(-1, 4)
     scan = np.fromfile(split / 'velodyne/000000.bin', np.float32).reshape(-1, 4)
     assert np.array_equal(scan[:, 3], own[:, 3])
     np.testing.assert_allclose(scan[:, 2], own[:, 2], atol=1e-6)
     np.testing.assert_allclose(np.hypot(*scan.T[:2]), np.hypot(*own.T[:2]), atol=2e-5)
 
 
-def test_scans_are_those_of_the_files_on_request(real, bags, tmp_path):
+def test_scans_are_those_of_the_files_on_request(real_360, bags, tmp_path):
     convert(bags['0000'], tmp_path / 'out', Layout.OBJECT, forward='')
-    own = real / SCANS.format(D.format('0000'), 1134)
+    own = real_360 / SCANS.format(D.format('0000'), 1134)
     assert (tmp_path / 'out/training/velodyne/000000.bin').read_bytes() == own.read_bytes()
     assert counts(tmp_path / 'out/training') == FRAMES['0000', 1134]
 
@@ -154,9 +146,9 @@ def test_fisheyes_are_passed_over(bags):
 # Boxes: a Detection3DArray in velo_link a frame, with the classes of the data set.
 
 
-def cuboids_of_course(real, velo_t_rect):
+def cuboids_of_course(real_360, velo_t_rect):
     """The boxes of a course, eight corners in the rectified camera 0, as boxes in velo_link."""
-    for box in json.loads((real / COURSE).read_text()):
+    for box in json.loads((real_360 / COURSE).read_text()):
         corners = np.array(box['corners_cam0']) @ velo_t_rect[:3, :3].T + velo_t_rect[:3, 3]
         middle = corners.mean(axis=0)
         _, lengths, axes = np.linalg.svd(corners - middle)
@@ -186,11 +178,11 @@ def with_boxes(bag, out, cuboids):
     return out
 
 
-def test_boxes_become_labels_that_programs_accept(real, bags, tmp_path):
-    rig = open_recording(real / 'data_poses' / D.format('0000')).calibration(0)
+def test_boxes_become_labels_that_programs_accept(real_360, bags, tmp_path):
+    rig = open_recording(real_360 / 'data_poses' / D.format('0000')).calibration(0)
     rect_t_velo = Transform(rig.r0_rect, np.zeros(3)) @ rig.cam0_T_velo
-    cuboids = [*cuboids_of_course(real, np.linalg.inv(rect_t_velo.matrix()))]
-    scan = np.fromfile(real / SCANS.format(D.format('0000'), 1134), np.float32).reshape(-1, 4)
+    cuboids = [*cuboids_of_course(real_360, np.linalg.inv(rect_t_velo.matrix()))]
+    scan = np.fromfile(real_360 / SCANS.format(D.format('0000'), 1134), np.float32).reshape(-1, 4)
     inside = [
         (abs((scan[:, :3] - box.velo_T_box.translation) @ box.velo_T_box.rotation)
          <= np.array(box.size_lwh) / 2).all(axis=1).sum()
@@ -216,12 +208,12 @@ def test_boxes_become_labels_that_programs_accept(real, bags, tmp_path):
 # Odometry: frames with a pose of their own.
 
 
-def test_poses_alone_are_those_of_the_rectified_camera_0(real, bags, tmp_path):
+def test_poses_alone_are_those_of_the_rectified_camera_0(real_360, bags, tmp_path):
     report, _ = convert(bags['0003'], tmp_path / 'out', Layout.ODOMETRY)
     assert (report.frames, report.losses) == (1010, ())
     poses = np.loadtxt(tmp_path / 'out/poses/00.txt').reshape(-1, 3, 4)
     assert np.allclose(poses[0], np.eye(3, 4), atol=1e-12)
-    rows = np.loadtxt(real / f'data_poses/{D.format("0003")}/cam0_to_world.txt')
+    rows = np.loadtxt(real_360 / f'data_poses/{D.format("0003")}/cam0_to_world.txt')
     own = rows[:, 1:].reshape(-1, 4, 4)
     expected = (np.linalg.inv(own[0]) @ own)[:, :3]
     np.testing.assert_allclose(poses[..., :3], expected[..., :3], atol=5e-6)

@@ -28,31 +28,23 @@ from kitti_ros2.model.lenses import MeiLens
 from kitti_ros2.model.streams import Clock, Layout, Stream
 from kitti_ros2.options.read import ReadOptions
 
-from builders import SHARED, convert_recording  # isort: skip
+from builders import convert_recording  # isort: skip
 
 D = '2013_05_28_drive_{}_sync'
 PIXELS = ((1408, 376), (1408, 376), (1400, 1400), (1400, 1400))
 
 
 @pytest.fixture(scope='module')
-def real() -> Path:
-    folder = SHARED / 'kitti360'
-    if not folder.is_dir():
-        pytest.skip(f'no real KITTI-360 samples at {folder}')
-    return folder
-
-
-@pytest.fixture(scope='module')
-def set_of_links(real, tmp_path_factory) -> Path:
+def set_of_links(real_360, tmp_path_factory) -> Path:
     """The real files in a folder of one's own, to take some away."""
     root = tmp_path_factory.mktemp('kitti360')
-    shutil.copytree(real, root / 'set', copy_function=os.symlink)
+    shutil.copytree(real_360, root / 'set', copy_function=os.symlink)
     return root / 'set'
 
 
 @pytest.fixture(scope='module')
-def rig(real):
-    return kitti_ros2.read_calibration(real / 'calibration')
+def rig(real_360):
+    return kitti_ros2.read_calibration(real_360 / 'calibration')
 
 
 def read_stamps(path):
@@ -75,8 +67,8 @@ SCANS = {
 
 @pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
 @pytest.mark.parametrize(('drive', 'number'), SCANS)
-def test_points_in_the_four_images(real, drive, number):
-    frame = kitti_ros2.open(real, sequence=drive).frame(number)
+def test_points_in_the_four_images(real_360, drive, number):
+    frame = kitti_ros2.open(real_360, sequence=drive).frame(number)
     points, *expected = SCANS[drive, number]
     assert len(frame.points) == points
     counts = [inside(frame.calibration.project(frame.points, c)[0], c) for c in range(4)]
@@ -84,8 +76,8 @@ def test_points_in_the_four_images(real, drive, number):
 
 
 @pytest.mark.parametrize('camera', range(4))
-def test_pixels_and_depths_lead_back_to_the_points(real, rig, camera):
-    path = real / f'data_3d_raw/{D.format("0008")}/velodyne_points/data/0000003000.bin'
+def test_pixels_and_depths_lead_back_to_the_points(real_360, rig, camera):
+    path = real_360 / f'data_3d_raw/{D.format("0008")}/velodyne_points/data/0000003000.bin'
     points = np.fromfile(path, np.float32).reshape(-1, 4)[::97, :3].astype(np.float64)
     pixels, depth = rig.project(points, camera)
     seen = np.isfinite(pixels[:, 0])
@@ -147,8 +139,8 @@ def test_k_ends_in_1_and_storage_is_read(rig):
 
 
 @pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
-def test_frames_are_paired_by_number(real):
-    recording = kitti_ros2.open(real, sequence='0000')
+def test_frames_are_paired_by_number(real_360):
+    recording = kitti_ros2.open(real_360, sequence='0000')
     poses = recording.streams['pose']
     assert (len(poses), poses[0], poses[-1]) == (1038, 1, 1200)
     assert recording.streams['scan'].tolist() == [1134]
@@ -164,13 +156,13 @@ def test_frames_are_paired_by_number(real):
         recording.frame(2)
 
 
-def test_poses_are_imu_link_and_camera_0_is_the_rectified_one(real):
+def test_poses_are_imu_link_and_camera_0_is_the_rectified_one(real_360):
     """cam0_to_world.txt, all lines of 0003: 5e-7 and 5e-4 m, its rounding."""
-    recording = open_recording(real, ReadOptions(sequence='0003'))
+    recording = open_recording(real_360, ReadOptions(sequence='0003'))
     calibration = recording.calibration(0)
-    rig = kitti_ros2.read_calibration(real / 'calibration')
+    rig = kitti_ros2.read_calibration(real_360 / 'calibration')
     imu_t_cam0 = rig.transform('imu_link', 0)
-    rows = np.loadtxt(real / f'data_poses/{D.format("0003")}/cam0_to_world.txt')
+    rows = np.loadtxt(real_360 / f'data_poses/{D.format("0003")}/cam0_to_world.txt')
     assert recording.streams[Stream.POSE].numbers.tolist() == rows[:, 0].tolist()
     assert calibration.r0_rect is not None
     for number, *values in rows.tolist():
@@ -205,17 +197,17 @@ def test_camera_poses_alone_serve(set_of_links):
         ('0000', 'velodyne_points', 1369730762904295089, None),
     ],
 )
-def test_stamps(real, drive, stream, first, last):
+def test_stamps(real_360, drive, stream, first, last):
     part = 'data_3d_raw' if stream == 'velodyne_points' else 'data_2d_raw'
-    path = real / part / D.format(drive) / stream / 'timestamps.txt'
+    path = real_360 / part / D.format(drive) / stream / 'timestamps.txt'
     stamps = read_stamps(path)
     assert stamps[0] == first
     assert last in (None, stamps[-1])
 
 
-def test_poses_have_the_stamps_of_the_scans(real):
-    recording = open_recording(real, ReadOptions(sequence='0003'))
-    path = real / f'data_3d_raw/{D.format("0003")}/velodyne_points/timestamps.txt'
+def test_poses_have_the_stamps_of_the_scans(real_360):
+    recording = open_recording(real_360, ReadOptions(sequence='0003'))
+    path = real_360 / f'data_3d_raw/{D.format("0003")}/velodyne_points/timestamps.txt'
     stamps = read_stamps(path)
     index = recording.streams[Stream.POSE]
     assert index.stamps_ns.tolist() == [stamps[number] for number in index.numbers.tolist()]
@@ -226,9 +218,9 @@ def test_poses_have_the_stamps_of_the_scans(real):
     )
 
 
-def test_a_fisheye_without_stamps_has_those_of_another_stream(real):
-    recording = open_recording(real, ReadOptions(sequence='0003'))
-    scans = real / f'data_3d_raw/{D.format("0003")}/velodyne_points/timestamps.txt'
+def test_a_fisheye_without_stamps_has_those_of_another_stream(real_360):
+    recording = open_recording(real_360, ReadOptions(sequence='0003'))
+    scans = real_360 / f'data_3d_raw/{D.format("0003")}/velodyne_points/timestamps.txt'
     index = recording.streams[Stream.IMAGE_2]
     assert index.numbers.tolist() == [0]
     assert index.stamps_ns.tolist() == [read_stamps(scans)[0]]
@@ -236,16 +228,16 @@ def test_a_fisheye_without_stamps_has_those_of_another_stream(real):
     assert (recording.read(Stream.IMAGE_2, 0).width, PIXELS[2][0]) == (1400, 1400)
 
 
-def test_without_any_stamps_frames_are_a_nominal_period_apart(real):
-    recording = open_recording(real, ReadOptions(sequence='0008'))
+def test_without_any_stamps_frames_are_a_nominal_period_apart(real_360):
+    recording = open_recording(real_360, ReadOptions(sequence='0008'))
     assert recording.clock is Clock.NOMINAL
     assert recording.streams[Stream.SCAN].numbers.tolist() == [3000, 3001]
 
 
 @pytest.mark.parametrize('below', ['', 'data_3d_raw', f'data_3d_raw/{D.format("0008")}'])
-def test_a_level_below_is_opened(real, below):
-    assert guess_layout(real / below) is Layout.KITTI_360
-    opened = [recording.name for recording in open_recordings(real / below)]
+def test_a_level_below_is_opened(real_360, below):
+    assert guess_layout(real_360 / below) is Layout.KITTI_360
+    opened = [recording.name for recording in open_recordings(real_360 / below)]
     if below.endswith('sync'):
         assert opened == [D.format('0008')]
     else:
@@ -273,8 +265,8 @@ def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
         assert not bag.losses
 
 
-def test_a_calibration_survives_its_files(real):
-    folder = real / 'calibration'
+def test_a_calibration_survives_its_files(real_360):
+    folder = real_360 / 'calibration'
     texts = {name: (folder / name).read_text() for name in KITTI_360_CALIB}
     first = parse_kitti360_calibration(texts, folder)
     again = parse_kitti360_calibration(format_kitti360_calibration(first), folder)
@@ -338,9 +330,9 @@ def test_lines_of_poses():
         assert reason in reasons
 
 
-def test_info_names_the_model_of_fisheyes(real, capsys):
+def test_info_names_the_model_of_fisheyes(real_360, capsys):
     """Their focal lengths are no pinhole's: 1336 of 1400 pixels are no 55 degrees."""
-    assert main(['info', str(real), '--sequence', '3']) == 0
+    assert main(['info', str(real_360), '--sequence', '3']) == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert [line[:2] for line in lines if line and line[0].startswith('camera_')][:4] == [
         ['camera_0', '1408x376'],
@@ -417,9 +409,9 @@ def test_a_merged_drive_is_said_to_be_of_kitti_360(recordings, tmp_path):
     assert any('in KITTI-360, drives are in data_2d_raw' in reason for reason in missing.values())
 
 
-def test_a_tilted_pose_is_left_out(real):
+def test_a_tilted_pose_is_left_out(real_360):
     """The first one of drive 0004; the map would begin there."""
-    recording = open_recording(real, ReadOptions(sequence='0004'))
+    recording = open_recording(real_360, ReadOptions(sequence='0004'))
     assert recording.streams[Stream.POSE].numbers[0] == 54
     (loss,) = recording.losses
     assert loss.numbers == (1,)
@@ -427,9 +419,9 @@ def test_a_tilted_pose_is_left_out(real):
 
 
 @pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
-def test_what_is_usual_in_the_data_set_is_no_finding(real):
+def test_what_is_usual_in_the_data_set_is_no_finding(real_360):
     """9.57 Hz, no pose of frame 0 and of stops; the samples are excerpts, without most files."""
-    report = kitti_ros2.datasets.validate(real)
+    report = kitti_ros2.datasets.validate(real_360)
     (tilted,) = (each for each in report.findings if each.severity != 'note'
                  and each.rule != 'frames-missing')  # fmt: skip
     assert tilted.place.endswith(f'{D.format("0004")}/poses.txt:1')

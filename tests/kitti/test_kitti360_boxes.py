@@ -30,7 +30,7 @@ from kitti_ros2.options.read import ImuOptions, ReadOptions
 from kitti_ros2.synthetic import SyntheticDrive
 from kitti_ros2.synthetic.drive import write_extract
 
-from builders import SHARED, SMALL, convert_recording  # isort: skip
+from builders import SMALL, convert_recording  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -262,11 +262,9 @@ COURSE = (3554, 2570, 837, 57, 4816, 3775, 1774, 7)
 
 
 @pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
-def test_cars_in_a_real_scan(tmp_path):
+def test_cars_in_a_real_scan(real_360, tmp_path):
     """The corners are not the data set's file, but made of it, in the order of its cube."""
-    real, drive = SHARED / 'kitti360', '2013_05_28_drive_0000_sync'
-    if not real.is_dir():
-        pytest.skip(f'no real KITTI-360 samples at {real}')
+    real, drive = real_360, '2013_05_28_drive_0000_sync'
     shutil.copytree(real, tmp_path / 'set', copy_function=os.symlink)
     rows = np.loadtxt(real / f'data_poses/{drive}/poses.txt')
     (pose,) = rows[rows[:, 0] == 1134, 1:].reshape(-1, 3, 4)

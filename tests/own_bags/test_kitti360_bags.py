@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 import kitti_ros2
 from kitti_ros2.cli import main
 
-from builders import SHARED, files_of  # isort: skip
+from builders import files_of  # isort: skip
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,13 +28,10 @@ pytestmark = pytest.mark.filterwarnings('ignore::kitti_ros2.KittiRos2Warning')
 
 
 @pytest.fixture(scope='module')
-def real(tmp_path_factory) -> Path:
+def real(real_360, tmp_path_factory) -> Path:
     """The real files; the fisheye image, of drive 0003, once more as one of frame 0000/1134."""
-    source = SHARED / 'kitti360'
-    if not source.is_dir():
-        pytest.skip(f'no real KITTI-360 samples at {source}')
     root = tmp_path_factory.mktemp('real') / 'set'
-    shutil.copytree(source, root, ignore=shutil.ignore_patterns('extra', '*.py', '*.md', 'SHA*'))
+    shutil.copytree(real_360, root, ignore=shutil.ignore_patterns('extra', '*.py', '*.md', 'SHA*'))
     fisheye = root / FISHEYE.format(D.format('0000'), 1134)
     fisheye.parent.mkdir(parents=True)
     shutil.copy(root / FISHEYE.format(D.format('0003'), 0), fisheye)
