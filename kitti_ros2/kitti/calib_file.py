@@ -271,8 +271,8 @@ def _parse_camera(table: CalibTable, index: int) -> CameraCalibration | None:
     return None if p_rect is None else CameraCalibration(p_rect, cam_T_velo=own)
 
 
-class _RawParts(CalibParts):
-    """Reads parts of the three raw files, by file name."""
+class FolderParts(CalibParts):
+    """Reads parts of a calibration of several files, by file name."""
 
     def __init__(self, texts: Mapping[str, str], folder: Path, source: str) -> None:
         super().__init__()
@@ -284,14 +284,21 @@ class _RawParts(CalibParts):
     def table(self, name: str) -> CalibTable:
         """Parse a file; an absent or invalid one has no keys."""
         path = self._folder / name
-        absent = f'{path}: no such file; {self._source}'
         table = None
-        if name not in self._texts:
-            self.missing[name] = absent
-        else:
-            table = self.read(name, partial(CalibTable.parse, self._texts[name], path), absent)
+        if self._is_there(name):
+            table = self.read(name, partial(CalibTable.parse, self._texts[name], path), '')
         self.tables.append(table or CalibTable(path, {}))
         return self.tables[-1]
+
+    def _is_there(self, name: str) -> bool:
+        """Return whether a file is; an absent one is recorded."""
+        if name not in self._texts:
+            self.missing[name] = f'{self._folder / name}: no such file; {self._source}'
+        return name in self._texts
+
+
+class _RawParts(FolderParts):
+    """Reads parts of the three raw files."""
 
     def extrinsics(self, name: str, *, optional: bool = False) -> Transform | None:
         """Read the transform of a file; an optional one may be a placeholder."""

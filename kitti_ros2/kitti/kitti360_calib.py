@@ -23,7 +23,7 @@ from ..model.errors import BadFileError
 from ..model.geometry import NOMINAL_VELO_T_IMU, Transform
 from ..model.lenses import MeiLens
 from ..model.samples import Calibration, CameraCalibration, TextFile, rectified_offset
-from .calib_file import CalibParts, CalibTable, parse_raw_camera
+from .calib_file import CalibTable, FolderParts, parse_raw_camera
 from .names import KITTI_360_CALIB
 from .names import KITTI_360_FISHEYES as FISHEYES
 
@@ -104,29 +104,13 @@ def _parse_rectified(table: CalibTable, index: int) -> CameraCalibration | None:
     return parse_raw_camera(table, index, rectified=True)
 
 
-class _Files(CalibParts):
+class _Files(FolderParts):
     """Reads the parts of the files of a calibration."""
-
-    def __init__(self, texts: Mapping[str, str], folder: Path, source: str) -> None:
-        super().__init__()
-        self._texts = texts
-        self._folder = folder
-        self._source = source
-
-    def table(self, name: str) -> CalibTable:
-        """Parse a file of keys; an absent or invalid one has none."""
-        path = self._folder / name
-        if name not in self._texts:
-            self.missing[name] = self._absence(path)
-            return CalibTable(path, {})
-        parse = partial(CalibTable.parse, self._texts[name], path)
-        return self.read(name, parse, '') or CalibTable(path, {})
 
     def bare_transform(self, name: str) -> Transform | None:
         """Parse a file of the 12 numbers of a transform alone."""
         path = self._folder / name
-        if name not in self._texts:
-            self.missing[name] = self._absence(path)
+        if not self._is_there(name):
             return None
         table = CalibTable(path, {'the transform': (1, self._texts[name])})
         return self.read(name, partial(table.transform, 'the transform'), '')
@@ -161,9 +145,6 @@ class _Files(CalibParts):
             cam_T_velo=cam_t_velo,
             lens=MeiLens(xi, np.array(d)),
         )
-
-    def _absence(self, path: Path) -> str:
-        return f'{path}: no such file; {self._source}'
 
 
 def _parse_storage(text: str, path: Path) -> CalibTable:
