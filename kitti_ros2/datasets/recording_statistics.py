@@ -276,8 +276,8 @@ class RouteStatistics:
 
     Attributes:
         poses: Number of poses.
-        length_m: Length without jumps. With oxts over the ground, of the GPS/IMU; with poses
-            of odometry in space, of camera 0: each as KITTI's own tools compute it.
+        length_m: Length without jumps. With oxts over the ground, of the GPS/IMU; with files of
+            poses in space, of what their poses are of: each as KITTI's own tools compute it.
         duration_s: Time from the first pose to the last; 0 without time stamps.
         jumps: Number of steps faster than 100 m/s, left out of the route.
         speed_m_s: Speed at each pose; empty without speeds and times.
@@ -308,7 +308,7 @@ class RouteTrace:
         self._imu_t_sensor = Transform.identity()
         if recording.layout is not None:
             self._on_ground = recording.layout.traits.packet_poses
-            if not self._on_ground:
+            if recording.layout.traits.camera_poses:
                 self._imu_t_sensor = rect_from_imu(recording.calibration(0)).inverse()
 
     def add(self, number: int, pose: Pose) -> None:

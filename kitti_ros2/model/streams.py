@@ -152,6 +152,7 @@ class LayoutTraits:
         tracklets: Whether labels are tracklets of the whole recording, not lines of text.
         world_boxes: Whether they are boxes in the world, of which a frame has those that its scan
             has points of.
+        camera_poses: Whether files of poses are those of camera 0, not of the GPS/IMU.
         compensated_scans: Whether KITTI has compensated the scans for motion.
         point_labels: Whether the points of scans can have semantic labels.
         from_others: Whether sets of the layout are made of bags of others.
@@ -177,6 +178,7 @@ class LayoutTraits:
     extracts: bool = False
     tracklets: bool = False
     world_boxes: bool = False
+    camera_poses: bool = False
     compensated_scans: bool = False
     point_labels: bool = False
     from_others: bool = True
@@ -245,6 +247,7 @@ _TRAITS = {
         streams=_COMMON_STREAMS | {Stream.POSE},
         clock=Clock.RELATIVE,
         line_streams=frozenset({Stream.POSE}),
+        camera_poses=True,
         compensated_scans=True,
         point_labels=True,
     ),

@@ -16,6 +16,7 @@ import pytest
 
 import kitti_ros2
 from kitti_ros2.cli import main
+from kitti_ros2.datasets import statistics
 from kitti_ros2.kitti.kitti360 import parse_kitti360_poses
 from kitti_ros2.kitti.kitti360_calib import (
     format_kitti360_calibration,
@@ -24,6 +25,7 @@ from kitti_ros2.kitti.kitti360_calib import (
 from kitti_ros2.kitti.names import KITTI_360_CALIB
 from kitti_ros2.kitti.opening import guess_layout, open_recording, open_recordings
 from kitti_ros2.kitti.text_file import parse_timestamps
+from kitti_ros2.messages.scan import rings
 from kitti_ros2.model.lenses import MeiLens
 from kitti_ros2.model.streams import Clock, Layout, Stream
 from kitti_ros2.options.read import ReadOptions
@@ -171,6 +173,51 @@ def test_poses_are_imu_link_and_camera_0_is_the_rectified_one(real_360):
         expected = np.reshape(values, (4, 4))
         np.testing.assert_allclose((pose @ imu_t_cam0)[:3, :3], expected[:3, :3], atol=3e-6)
         np.testing.assert_allclose((pose @ imu_t_cam0)[:3, 3], expected[:3, 3], atol=6e-4)
+
+
+ROUTES = {  # poses, length in metres of those of the GPS/IMU, numbers between them without one
+    '0003': (1010, 1378.57, 20),
+    '0000': (1038, 724.94, 162),
+}
+MISSING_0003 = '2 3 5 7 9 142 144 146 147 149 150 152 153 155 156 158 160 162 164 166'
+
+
+@pytest.mark.parametrize('drive', ROUTES)
+def test_the_route_of_a_drive(real_360, drive):
+    poses, length_m, missing = ROUTES[drive]
+    route = statistics(real_360, sequence=drive).total.route
+    assert route.poses == poses
+    assert route.length_m == pytest.approx(length_m, abs=5e-3)
+    numbers = open_recording(real_360, ReadOptions(sequence=drive)).streams[Stream.POSE].numbers
+    between = np.setdiff1d(np.arange(1, numbers[-1]), numbers)
+    assert len(between) == missing
+    if drive == '0003':
+        assert ' '.join(map(str, between)) == MISSING_0003
+        assert route.speed_m_s.mean == pytest.approx(13.0, abs=0.05)
+        assert route.speed_m_s.greatest == pytest.approx(17.1, abs=0.05)
+
+
+# First point, and the number of points without reflectance.
+FIRST_POINTS = {
+    ('0000', 1134): ((75.4411, 0.1631, 2.7601, 0), 11111),
+    ('0008', 3000): ((34.2208, 0.0598, 1.3663, 0.19921875), 8295),
+    ('0008', 3001): ((32.5937, 0.0045, 1.3113, 0.13671875), 8104),
+}
+
+
+@pytest.mark.parametrize(('drive', 'number'), FIRST_POINTS)
+def test_the_points_of_a_scan(real_360, drive, number):
+    points = open_recording(real_360, ReadOptions(sequence=drive)).read(Stream.SCAN, number).points
+    first, dark = FIRST_POINTS[drive, number]
+    assert points[0].tolist() == pytest.approx(first, abs=5e-5)
+    assert np.count_nonzero(points[:, 3] == 0) == dark
+    assert np.array_equal(points[:, 3] * 256, np.rint(points[:, 3] * 256))
+    laser = rings(points)
+    assert laser.tolist() == sorted(laser.tolist(), reverse=True)  # the top row is the first
+    assert (laser[0], laser[-1]) == (63, 0)
+    elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    assert 2.0 < np.median(elevation[laser == 63]) < 2.8
+    assert -23.8 < np.median(elevation[laser == 0]) < -23.3
 
 
 def test_camera_poses_alone_serve(set_of_links):
