@@ -61,7 +61,8 @@ _IN_KITTI_360 = {
 }
 """The part of KITTI-360 that a folder or file of a drive belongs to."""
 _KITTI_360_FOLDERS = frozenset({
-    *names.KITTI_360_PARTS, 'data_3d_bboxes', 'data_2d_semantics', 'data_3d_semantics',
+    *names.KITTI_360_PARTS, *names.KITTI_360_TEST_SLAM, 'data_3d_bboxes', 'data_2d_semantics',
+    'data_3d_semantics',
 })  # fmt: skip
 _PARTS_OF_SETS = frozenset({*names.KITTI_360_PARTS, *names.SPLITS, names.SEQUENCES, names.POSES})
 
@@ -134,7 +135,9 @@ def _locate(parts: Parts, archive: str) -> tuple[int, Parts]:
 
 
 def _in_kitti_360(parts: Parts, archive: str) -> tuple[int, Parts] | None:
-    drive = names.RAW_DRIVE.match(archive)
+    drive, top = names.RAW_DRIVE.match(archive), PurePosixPath(archive).stem
+    if top in names.KITTI_360_TEST_SLAM and top not in parts:
+        return 0, (top, *parts)
     for index, part in enumerate(parts):
         if part in _KITTI_360_FOLDERS and index + 1 < len(parts):
             return index, parts[index:]

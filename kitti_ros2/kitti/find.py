@@ -111,7 +111,8 @@ def _subfolders(path: Path, is_wanted: Callable[[Path], bool]) -> list[Path]:
 
 
 def _is_drive(path: Path) -> bool:
-    if path.parent.name in names.KITTI_360_PARTS:
+    above = path.parent
+    if above.name in names.KITTI_360_PARTS or above.parent.name in names.KITTI_360_TEST_SLAM:
         return False
     folders = [path / name for name in (*names.RAW_IMAGES, names.RAW_SCANS, names.RAW_OXTS)]
     return any(

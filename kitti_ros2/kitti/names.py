@@ -56,6 +56,8 @@ RAW_CALIB = (CALIB_CAM_TO_CAM, CALIB_VELO_TO_CAM, CALIB_IMU_TO_VELO)
 
 KITTI_360_PARTS = ('data_2d_raw', 'data_3d_raw', 'data_poses')
 """The folders of KITTI-360 with a folder a drive."""
+KITTI_360_TEST_SLAM = ('data_2d_test_slam', 'data_3d_test_slam')
+"""Those of its SLAM benchmark, with test_0/DRIVE to test_3/DRIVE."""
 KITTI_360_IMAGES = (
     ('image_00', 'data_rect'),
     ('image_01', 'data_rect'),

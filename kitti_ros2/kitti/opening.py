@@ -449,7 +449,8 @@ def explain(path: Path) -> NotKittiError:
     if data_sets:
         return _explain_below(path, data_sets, complete=complete)
     return (
-        _explain_around(path)
+        _explain_test_slam(path)
+        or _explain_around(path)
         or _explain_archives(path, entries)
         or _explain_files(path, entries)
         or _explain_drives(path)
@@ -466,6 +467,18 @@ def _explain_drives(path: Path) -> NotKittiError | None:
                 folder, _listed(entries, complete=True), f'name drives like {example}'
             )
     return None
+
+
+def _explain_test_slam(path: Path) -> NotKittiError | None:
+    """Return the error for a folder of KITTI-360's SLAM benchmark, and those around it."""
+    inside = (*absolute(path).parts, *_entries(path))
+    folder = next((name for name in inside if name in names.KITTI_360_TEST_SLAM), '')
+    if not folder:
+        return None
+    stamps, part = names.TIMESTAMPS, folder.replace('test_slam', 'raw')
+    which = f"{folder} is of KITTI-360's SLAM benchmark: which stamp is of which file is not known"
+    example = f'{part}/{Layout.KITTI_360.traits.default_name}'
+    return _not_kitti(path, which, f'put a drive of it at {example}, without {stamps}')
 
 
 def _listed(entries: list[str], *, complete: bool) -> str:

@@ -57,6 +57,9 @@ DRIVE_360 = '2013_05_28_drive_0000_sync'
         ('a.zip', f'KITTI-360/data_2d_raw/{DRIVE_360}/image_02/timestamps.txt',
          f'data_2d_raw/{DRIVE_360}/image_02/timestamps.txt'),
         ('data_3d_bboxes.zip', f'data_3d_bboxes/train/{DRIVE_360}.xml', None),
+        ('data_3d_test_slam.zip', f'data_3d_test_slam/test_0/{DRIVE_360}/velodyne_points/a', None),
+        ('data_3d_test_slam.zip', f'test_1/{DRIVE_360}/velodyne_points/timestamps.txt',
+         f'data_3d_test_slam/test_1/{DRIVE_360}/velodyne_points/timestamps.txt'),
         ('calibration.zip', 'calibration/perspective.txt', None),
         ('calibration.zip', 'x/image_02.yaml', 'calibration/image_02.yaml'),
         # Devkits.

@@ -422,6 +422,10 @@ SAID = {
         renamed(f'data_poses/{NEXT}/cam0_to_world.txt', f'data_poses/{NEXT}/poses.txt'),
         'poses.txt: no valid pose, pose is left out',
     ),
+    'the SLAM benchmark beside': (
+        lambda root: (root / 'data_2d_test_slam').mkdir(),
+        'data_2d_test_slam: not converted',
+    ),
     'no poses': (
         without(f'data_poses/{NEXT}'),
         'poses.txt: absent or empty, pose is left out',
@@ -447,6 +451,16 @@ def test_drives_of_other_names_are_no_drives(tmp_path, below):
     (tmp_path / 'data_2d_raw/2013_05_28_drive_0000/image_00/data_rect').mkdir(parents=True)
     with pytest.raises(kitti_ros2.KittiRos2Error, match=f'name drives like {NEXT}'):
         open_recording(tmp_path / below)
+
+
+@pytest.mark.parametrize('levels', range(5))
+def test_the_slam_benchmark_is_no_raw_drive(recordings, tmp_path, levels):
+    """Its folders are named as those of a raw drive."""
+    scans = recordings[Layout.KITTI_360] / f'data_3d_raw/{NEXT}/velodyne_points'
+    below = Path('data_3d_test_slam', 'test_3', NEXT, 'velodyne_points')
+    shutil.copytree(scans, tmp_path / below)
+    with pytest.raises(kitti_ros2.KittiRos2Error, match=f'put a drive of it at data_3d_raw/{NEXT}'):
+        open_recording(tmp_path / Path(*below.parts[:levels]))
 
 
 def test_a_merged_drive_is_said_to_be_of_kitti_360(recordings, tmp_path):
