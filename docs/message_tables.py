@@ -27,6 +27,7 @@ _FRAMES = '10 Hz'
 _PACKETS = '10 Hz; 100 Hz with `--imu-from`'
 _TOPICS = {
     '/kitti/velo/points': ('velo_link', 'scan', _FRAMES),
+    '/kitti/sick/points': ('sick_link', 'line scan of KITTI-360', 'several a frame'),
     f'{_CAMERA}/image_rect/compressed': (_OPTICAL, "image: the PNG's own bytes", _FRAMES),
     f'{_CAMERA}/image_rect': (_OPTICAL, 'image as pixels: `--images raw`', _FRAMES),
     f'{_CAMERA}/camera_info': (_OPTICAL, 'calibration of the image', _FRAMES),

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..model.errors import Loss
     from ..model.geometry import Float64Array
     from ..model.recording import FrameOrigin
-    from ..model.samples import Float32Array, Int64Array, Sample
+    from ..model.samples import Float32Array, Int64Array, LineScan, Sample
     from ..options.keywords import ReadKeywords
     from .calibration import CalibratedRig
 
@@ -330,8 +330,8 @@ class Frame:
         """Return target_T_source, (4, 4) float64: maps points given in source to target.
 
         Args:
-            target: map, base_link, imu_link, velo_link, or KITTI's number of a camera for its
-                optical frame (x right, y down, z forward).
+            target: map, base_link, imu_link, velo_link, sick_link, or KITTI's number of a camera
+                for its optical frame (x right, y down, z forward).
             source: A coordinate frame, as target.
 
         Raises:
@@ -535,6 +535,34 @@ class Recording(Sequence[Frame]):
             np.array(stamps, np.int64),
             np.array(poses, np.float64).reshape(-1, 4, 4),
         )
+
+    def line_scans(
+        self, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[int, Float32Array]]:
+        """Yield the scans of KITTI-360's SICK, of which several come in a frame, in order of time.
+
+        Args:
+            start_ns: The first stamp, such as that of a frame; None begins with the first scan.
+            end_ns: The stamp to end before; None ends with the last scan.
+
+        Yields:
+            Stamp, nanoseconds since 1970 UTC, and points, (N, 3) float32, x y z in metres in
+            sick_link, whose mount is `transform('velo_link', 'sick_link')` of the calibration.
+
+        Raises:
+            MissingDataError: The recording has none.
+            KittiRos2Error: A file is truncated.
+        """
+        recording = self._source.frames.recording
+        index = recording.streams.get(Stream.SICK)
+        if index is None:
+            raise MissingDataError(f'{self.path}: {self.name} has no scans of a SICK')
+        samples = zip(index.stamps_ns.tolist(), index.numbers.tolist(), strict=True)
+        for stamp_ns, number in sorted(samples):
+            is_early = start_ns is not None and stamp_ns < start_ns
+            if not is_early and (end_ns is None or stamp_ns < end_ns):
+                scan = cast('LineScan', recording.read(Stream.SICK, number))
+                yield stamp_ns, np.array(scan.points)
 
     def close(self) -> None:
         """Close the files of a bag; reading a frame opens them again."""

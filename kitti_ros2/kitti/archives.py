@@ -56,7 +56,7 @@ _IN_SPLIT = frozenset({
 })  # fmt: skip
 _IN_KITTI_360 = {
     **dict.fromkeys(names.RAW_IMAGES, names.KITTI_360_PARTS[0]),
-    **dict.fromkeys((names.RAW_SCANS, 'sick_points'), names.KITTI_360_PARTS[1]),
+    **dict.fromkeys((names.RAW_SCANS, names.KITTI_360_SICK), names.KITTI_360_PARTS[1]),
     **dict.fromkeys((names.RAW_OXTS, *names.KITTI_360_POSES), names.KITTI_360_PARTS[2]),
 }
 """The part of KITTI-360 that a folder or file of a drive belongs to."""

@@ -5,19 +5,19 @@
     calibration/
     data_2d_raw/DRIVE/image_00 and image_01/{data_rect/%010d.png,timestamps.txt}
     data_2d_raw/DRIVE/image_02 and image_03/{data_rgb/%010d.png,timestamps.txt}
-    data_3d_raw/DRIVE/velodyne_points/{data/%010d.bin,timestamps.txt}
+    data_3d_raw/DRIVE/{velodyne_points,sick_points}/{data/%010d.bin,timestamps.txt}
     data_poses/DRIVE/{poses.txt,cam0_to_world.txt}
     data_poses/DRIVE/oxts/{data/%010d.txt,timestamps.txt}
     data_3d_bboxes/{train,train_full}/DRIVE.xml
 
-A number is the same time in all streams, at 9.57 Hz. Scans are as measured, not compensated for
-motion; there are no files of the starts and ends of turns.
+A number is the same time in all streams but sick_points, at 9.57 Hz. Scans are as measured, not
+compensated for motion; there are no files of the starts and ends of turns.
 
 Poses are listed by frame number, and only for frames before which the car moved: never for frame 0,
 and not for all others. poses.txt is the GPS/IMU (x forward, y right, z down) in a world of x east,
 y north, z up; cam0_to_world.txt is the *rectified* camera 0, with fewer digits. Source: KITTI-360's
-documentation, its authors' scripts, and the files of 11 drives; of boxes and packets, of which no
-file was at hand, the scripts alone.
+documentation, its authors' scripts, and the files of 11 drives; of boxes, packets and sick_points,
+of which no file was at hand, the scripts alone.
 """
 
 from __future__ import annotations
@@ -36,7 +36,12 @@ from ..model.streams import Clock, Layout, Stream
 from . import names
 from .archives import describe_source
 from .kitti360_boxes import LEAST_POINTS, BoxIndex, describe_shapes, parse_world_boxes
-from .kitti360_calib import UPRIGHT, format_kitti360_calibration, parse_kitti360_calibration
+from .kitti360_calib import (
+    SICK_TO_VELO,
+    UPRIGHT,
+    format_kitti360_calibration,
+    parse_kitti360_calibration,
+)
 from .kitti_recording import KittiRecording, no_calibration, rect_from_imu
 from .names import (
     KITTI_360_BOX_FOLDERS,
@@ -46,8 +51,9 @@ from .names import (
     KITTI_360_IMAGES,
     KITTI_360_PARTS,
     KITTI_360_POSES,
+    KITTI_360_SICK,
 )
-from .scan_file import format_scan
+from .scan_file import format_scan, parse_line_scan
 from .store import STORE, cached_listings
 from .text_file import (
     Lines,
@@ -65,7 +71,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..model.geometry import Float64Array
-    from ..model.samples import Calibration, OxtsPacket, Scan
+    from ..model.samples import Calibration, LineScan, OxtsPacket, Scan
     from ..options.read import ReadOptions
 
 DATA_2D, DATA_3D, DATA_POSES = KITTI_360_PARTS
@@ -134,12 +140,13 @@ class Kitti360Recording(KittiRecording):
             self._add_folder(stream)
         self._require_common_names()
         self._add_poses()
+        self._add_sick()
         self._add_boxes()
         self._add_turns()
-        if not self._stamps and self.streams:
+        if self.clock is Clock.NOMINAL and self.streams:
             self._find_gaps(self._folders)
             self.notes.append(f'{name}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
-        others = [root / part for part in _NOT_READ] + [scans / 'sick_points']
+        others = [root / part for part in _NOT_READ]
         self.notes += [f'{path}: not converted' for path in others if path.is_dir()]
         self._find_misnamed()
 
@@ -252,6 +259,24 @@ class Kitti360Recording(KittiRecording):
             Stream.POSE, beyond, f'{self._stamps_path(of)}: no stamp for the poses of frames {{}}'
         )
 
+    def _add_sick(self) -> None:
+        """Add the scans of the line scanner, with stamps of their own: several come in a frame."""
+        if not self._sick.is_dir():
+            return
+        listing = STORE.list_numbered(self._sick / names.RAW_DATA, (names.BIN,), names.RAW_DIGITS)
+        path = self._sick / names.TIMESTAMPS
+        if self.streams and not self._stamps:
+            self._lose_lines(Stream.SICK, f'{self._sick}: left out, as no other stream has stamps')
+            return
+        lines = self._parsed(path, Stream.SICK, parse_timestamps)
+        self.clock = Clock.UTC
+        first = min(listing.numbers, default=0) if first_file(self.name) else 0
+        self._add_stamped(Stream.SICK, listing, lines, path, first)
+
+    @property
+    def _sick(self) -> Path:
+        return self.root / DATA_3D / self.name / KITTI_360_SICK
+
     @cached_property
     def _boxes_path(self) -> Path:
         """The file of boxes, the first that exists."""
@@ -321,6 +346,8 @@ class Kitti360Recording(KittiRecording):
                 self._lose_late(Stream.CALIBRATION, missing[name])
         source = describe_source(self.layout, folder)
         parsed = parse_kitti360_calibration(texts, folder, source=source)
+        if self._sick.is_dir() and SICK_TO_VELO not in {*present, *missing}:
+            missing[SICK_TO_VELO] = f'{folder / SICK_TO_VELO}: no such file; {source}'
         files = tuple(
             TextFile(f'{KITTI_360_CALIBRATION}/{file.name}', file.text) for file in parsed.files
         )
@@ -329,6 +356,7 @@ class Kitti360Recording(KittiRecording):
     def text_paths(self) -> list[Path]:
         """List the time stamps, those of the poses first, the poses, and the boxes."""
         stamps = [self._stamps_path(stream) for stream in self._folders]
+        stamps.append(self._sick / names.TIMESTAMPS)
         others = [self._drive / POSES, self._drive / CAM0_TO_WORLD, self._boxes_path]
         return [path for path in (*stamps, *others) if path.is_file()]
 
@@ -364,6 +392,10 @@ class Kitti360Recording(KittiRecording):
         if stream is Stream.LABELS:
             return self._boxes_path
         return self._poses_path if stream is Stream.POSE else super().path(stream, number)
+
+    def _line_scan(self, number: int) -> LineScan:
+        path = self._listings[Stream.SICK].path(number)
+        return parse_line_scan(STORE.read_array(path), path)
 
     def _packet(self, number: int) -> OxtsPacket:
         path = self._listings[Stream.OXTS].path(number)
@@ -434,8 +466,8 @@ class Kitti360Writer(LayoutWriter):
 
     @property
     def accepts(self) -> frozenset[Stream]:
-        """The streams of the layout without the fisheyes, packets and boxes."""
-        others = {Stream.IMAGE_2, Stream.IMAGE_3, Stream.OXTS, Stream.LABELS}
+        """The streams of the layout without the fisheyes, line scanner, packets and boxes."""
+        others = {Stream.IMAGE_2, Stream.IMAGE_3, Stream.SICK, Stream.OXTS, Stream.LABELS}
         return self.layout.traits.streams - others
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:

@@ -9,7 +9,7 @@ Files in calibration/ (KITTI-360's documentation and the authors' scripts):
 - calib_cam_to_velo.txt: 12 numbers without a key, the *unrectified* camera 0 in velo_link.
 - perspective.txt: keys as in calib_cam_to_cam.txt of raw drives; K_00 and K_01 end in 0, not 1.
 - image_02.yaml, image_03.yaml: OpenCV's FileStorage, `%YAML:1.0` without `---`, which is no YAML.
-- calib_sick_to_velo.txt: the line scanner, which is kept as it is.
+- calib_sick_to_velo.txt: 12 numbers without a key, the line scanner in velo_link.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array
 
 PERSPECTIVE, CAM_TO_POSE, CAM_TO_VELO = KITTI_360_CALIB[:3]
+SICK_TO_VELO = KITTI_360_CALIB[-1]
 RECTIFIED = (0, 1)
 
 UPRIGHT = Transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
@@ -53,6 +54,7 @@ def parse_kitti360_calibration(
     files = _Files(texts, folder, source)
     perspective, cam_to_pose = files.table(PERSPECTIVE), files.table(CAM_TO_POSE)
     velo_t_cam0 = files.bare_transform(CAM_TO_VELO)
+    velo_t_sick = files.bare_transform(SICK_TO_VELO) if SICK_TO_VELO in texts else None
     imu_t_cams = {}
     for index in (0, *FISHEYES):
         key = f'image_{index:02d}'
@@ -92,6 +94,7 @@ def parse_kitti360_calibration(
         nominal=() if velo_t_imu else ('velo_T_imu',),
         missing={part: reason for part, reason in files.missing.items() if reason},
         files=tuple(TextFile(name, text) for name, text in texts.items()),
+        velo_T_sick=velo_t_sick,
     )
 
 
@@ -196,6 +199,8 @@ def format_kitti360_calibration(calibration: Calibration) -> dict[str, str]:
         else:
             continue
         to_pose.append(f'image_{index:02d}: {_numbers(imu_t_cam.matrix()[:3])} \n')
+    if calibration.velo_T_sick is not None:
+        files[SICK_TO_VELO] = f'{_numbers(calibration.velo_T_sick.matrix()[:3])}\n'
     return {
         CAM_TO_POSE: ''.join(to_pose),
         CAM_TO_VELO: f'{_numbers(velo_t_cam0.matrix()[:3])}\n',

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ..model.geometry import Float64Array
-    from ..model.samples import FrameLabels, OxtsPacket
+    from ..model.samples import FrameLabels, LineScan, OxtsPacket
     from ..model.streams import GeoOrigin
     from ..options.read import ReadOptions
 
@@ -281,6 +281,9 @@ class RecordingPoses(RecordingIndex):
     def _packet(self, number: int) -> OxtsPacket:
         raise NotImplementedError
 
+    def _line_scan(self, number: int) -> LineScan:
+        raise NotImplementedError
+
     def _labels(self, number: int) -> FrameLabels:
         raise NotImplementedError
 
@@ -420,6 +423,7 @@ class KittiRecording(RecordingPoses):
         if stream is Stream.OXTS_EXTRACT and self.extract is not None:
             return self.extract.packet(number)
         readers: dict[Stream, Callable[[int], Sample]] = {
+            Stream.SICK: self._line_scan,
             Stream.OXTS: self._packet_cached,
             Stream.POSE: self._pose,
             Stream.LABELS: self._labels,

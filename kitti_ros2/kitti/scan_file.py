@@ -16,7 +16,7 @@ import numpy as np
 
 from ..kitti import names
 from ..model.errors import BadFileError
-from ..model.samples import Scan
+from ..model.samples import LineScan, Scan
 from ..model.streams import KITTI_COLUMNS, REST, Stream
 from .store import STORE
 
@@ -520,6 +520,38 @@ def format_points(scan: Scan, columns: ScanColumns) -> bytes:
 def format_scan(points: Float32Array) -> bytes:
     """Format (N, 4) points as a .bin file; the inverse of parse_scan."""
     return np.ascontiguousarray(points, dtype='<f4').tobytes()
+
+
+LINE_POINT_BYTES = 8
+
+
+def parse_line_scan(data: bytes | npt.NDArray[np.uint8], path: Path | str) -> LineScan:
+    """Parse a .bin file of KITTI-360's SICK: pairs of float32 (a, b), the points (0, -a, b).
+
+    Source: LoadSickData of the authors' accumulation, kitti360Scripts; no real file was at hand.
+
+    Raises:
+        BadFileError: The file is empty, or truncated inside a point.
+    """
+    if not len(data) or len(data) % LINE_POINT_BYTES:
+        problem = f'{len(data)} bytes, cut inside a point' if len(data) else 'the file is empty'
+        raise BadFileError(path, problem, 'two float32 a point, 8 bytes')
+    pairs = np.frombuffer(data, '<u4').reshape(-1, 2)
+    points = np.zeros((len(pairs), 3), '<u4')
+    points[:, 1:] = pairs
+    points[:, 1] ^= _SIGN
+    return LineScan(points.view('<f4'))
+
+
+def format_line_scan(scan: LineScan) -> bytes:
+    """Format a scan of the SICK as a .bin file; the inverse of parse_line_scan."""
+    pairs = np.array(scan.points[:, 1:], '<f4').view('<u4')
+    pairs[:, 0] ^= _SIGN
+    return pairs.tobytes()
+
+
+_SIGN = np.uint32(1 << 31)
+"""Its bit is flipped, as the negative of NaN may have other bits."""
 
 
 def parse_scan_text(data: bytes, path: Path | str) -> Float32Array:

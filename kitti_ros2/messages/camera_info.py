@@ -368,12 +368,14 @@ def static_links(
 
     base_link -> imu_link -> velo_link -> camera 0 -> the other cameras, where camera 0 is the
     rectified one, or the unrectified where the images are. Cameras with extrinsics of their own are
-    children of velo_link.
+    children of velo_link, and so is KITTI-360's line scanner.
     """
     links = [
         (frames.base, frames.imu, base_t_imu),
         (frames.imu, frames.velo, calibration.velo_T_imu.inverse()),
     ]
+    if calibration.velo_T_sick is not None:
+        links.append((frames.velo, frames.sick, calibration.velo_T_sick))
     first = frames.camera(0)
     cam0_t_velo = None if calibration.is_independent(0) else _camera0_t_velo(calibration)
     if cam0_t_velo is not None:

@@ -47,6 +47,7 @@ class FrameNames:
             of their own.
         imu: The GPS/IMU (x forward, y left, z up).
         velo: The laser scanner (x forward, y left, z up).
+        sick: KITTI-360's line scanner; it scans in y and z.
         camera_pattern: Optical frames (x right, y down, z forward), {} the camera's name.
         cameras: Camera index to its name.
     """
@@ -55,6 +56,7 @@ class FrameNames:
     base: str = 'base_link'
     imu: str = 'imu_link'
     velo: str = 'velo_link'
+    sick: str = 'sick_link'
     camera_pattern: str = 'camera_{}_optical_frame'
     truth: str = 'base_link'
     cameras: Mapping[int, str] = field(default_factory=dict)
@@ -168,7 +170,7 @@ def with_ground_truth_tree(frames: FrameNames, options: MessageOptions) -> Frame
         return frames
     own = options.ground_truth.map, options.ground_truth.base
     cameras = (frames.camera(index) for index in range(CAMERA_COUNT))
-    sensors = {frames.base, frames.imu, frames.velo, *cameras}
+    sensors = {frames.base, frames.imu, frames.velo, frames.sick, *cameras}
     for name in own:
         if name in sensors:
             raise UsageError(f'{name} is a frame of the sensors; ground_truth_tree needs another')

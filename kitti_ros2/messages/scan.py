@@ -12,7 +12,7 @@ import numpy as np
 from ..drawing.labelled_objects import OTHER_COLOR, SEMANTIC_COLORS
 from ..model.bag_formats import EXTRA, FORMATS, Order, Points
 from ..model.recording import turned_to
-from ..model.samples import Scan
+from ..model.samples import LineScan, Scan
 from ..model.streams import NS_PER_S
 from .cdr import make_header
 from .clouds import FILE_INDEX, file_order, read_field, read_points
@@ -320,6 +320,12 @@ def encode_scan(
         note(ESTIMATED_LASERS)
     if scan.extra and not cloud_format.extensible:
         note(f'clouds of {points.value} have no field for the columns {", ".join(scan.extra)}')
+    return _make_cloud(cloud, stamp_ns, frame_id, is_dense=is_dense)
+
+
+def _make_cloud(
+    cloud: npt.NDArray[np.void], stamp_ns: int, frame_id: str, *, is_dense: bool
+) -> PointCloud2:
     height, width = cloud.shape
     return PointCloud2(
         header=make_header(stamp_ns, frame_id),
@@ -408,6 +414,31 @@ def decode_scan(message: PointCloud2) -> Scan:
         column = read_field(message, name)
         extra[name] = column if order is None else column[order]
     return Scan(read_points(message, order), labels=labels, extra=extra)
+
+
+_LINE_POINT = np.dtype([(name, '<f4') for name in 'xyz'])
+
+
+def encode_line_scan(scan: LineScan, stamp_ns: int, frame_id: str) -> PointCloud2:
+    """Make the cloud of a line scan: x y z."""
+    points = np.ascontiguousarray(scan.points, '<f4')
+    is_dense = bool(np.isfinite(points).all())
+    return _make_cloud(points.view(_LINE_POINT).T, stamp_ns, frame_id, is_dense=is_dense)
+
+
+def decode_line_scan(message: PointCloud2) -> LineScan:
+    """Decode a cloud made by encode_line_scan.
+
+    Raises:
+        ValueError: The cloud has other fields, or data of another length.
+    """
+    fields = _tuples(message.fields)
+    if message.is_bigendian or fields != _tuples(_message_fields(_LINE_POINT)):
+        raise ValueError(f'a cloud of fields {tuple(field[0] for field in fields)}, not of x y z')
+    count = message.width * message.height
+    if message.point_step != _LINE_POINT.itemsize or len(message.data) != count * 12:
+        raise ValueError(f'a cloud of {count} points with {len(message.data)} bytes of data')
+    return LineScan(np.frombuffer(message.data, '<f4').reshape(-1, 3))
 
 
 def _kinds_of(fields: Sequence[PointField]) -> dict[str, str]:

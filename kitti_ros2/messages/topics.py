@@ -11,6 +11,7 @@ decode. What comes back:
 - /kitti/source/recording: the values of the description
 - odometry: pose in map, motion and sigmas, up to rounding; a motion of zeros is unknown
 - points: points and labels, bit for bit; not the turn, nor start and end of the sweep
+- sick points: bit for bit
 - points in a format with a loss (model/bag_formats.py): the nearest scan; /kitti/source/points is
   beside them, with the points of the file bit for bit
 - points of --clouds compact: the same by /kitti/source/rest, else within half a millimetre
@@ -114,7 +115,7 @@ from .oxts import (
     encode_velocity,
     encode_velocity_with_covariance,
 )
-from .scan import decode_scan, encode_scan
+from .scan import decode_line_scan, decode_scan, encode_line_scan, encode_scan
 from .source_texts import (
     decode_description,
     decode_text,
@@ -136,6 +137,7 @@ if TYPE_CHECKING:
         CompactScan,
         FrameLabels,
         Image,
+        LineScan,
         OxtsPacket,
         Pose,
         Sample,
@@ -276,6 +278,11 @@ def make_scan(scan: Scan, context: EncodeContext) -> object:
 def make_source_scan(scan: Scan, context: EncodeContext) -> object:
     """Make the PointCloud2 of a scan with the points of its file, unchanged."""
     return encode_scan(scan, context.stamp_ns, context.rig.frames.velo)
+
+
+def make_line_scan(scan: LineScan, context: EncodeContext) -> object:
+    """Make the PointCloud2 of a scan of KITTI-360's SICK."""
+    return encode_line_scan(scan, context.stamp_ns, context.rig.frames.sick)
 
 
 def make_compact(scan: Scan, context: EncodeContext) -> object:
@@ -551,6 +558,8 @@ _ROWS = (
     Topic(_CLOUDS, CLOUD, Stream.SCAN,
           make_scan, lambda message, _: decode_scan(message), restores=True),
     Topic(SWEEP, STRING, Stream.SCAN, lambda scan, _: encode_sweep(scan)),
+    Topic('/kitti/sick/points', CLOUD, Stream.SICK, make_line_scan,
+          lambda message, _: decode_line_scan(message), restores=True),
     Topic('/kitti/labels/detections', DETECTIONS_3D, Stream.LABELS,
           make_detections),
     Topic('/kitti/labels/detected_objects', DETECTED_OBJECTS, Stream.LABELS,

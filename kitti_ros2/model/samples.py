@@ -99,6 +99,17 @@ class Scan:
     note: str = ''
 
 
+@dataclass(frozen=True, eq=False)
+class LineScan:
+    """One scan of KITTI-360's SICK, which measures in a plane.
+
+    Attributes:
+        points: (N, 3) float32, x y z in metres in sick_link; x is 0.
+    """
+
+    points: Float32Array
+
+
 # Scans as whole multiples of 1 mm and 0.01; see kitti/compact_scan.py.
 
 MISSING = -(2**31)
@@ -309,6 +320,7 @@ class Calibration:
         missing: Missing parts (P2, Tr_velo_to_cam): part to the reason, a line.
         files: Its files, verbatim.
         notes: Remarks on the files that cost no data, a line each.
+        velo_T_sick: sick_link to velo_link; None on a rig without this scanner.
     """
 
     cameras: Mapping[int, CameraCalibration]
@@ -320,6 +332,7 @@ class Calibration:
     missing: Mapping[str, str] = field(default_factory=dict)
     files: tuple[TextFile, ...] = ()
     notes: tuple[str, ...] = ()
+    velo_T_sick: Transform | None = None
 
     @property
     def independent_cameras(self) -> bool:
@@ -336,7 +349,8 @@ class Calibration:
 
 
 Sample: TypeAlias = (
-    'Description | Scan | Image | OxtsPacket | Pose | Trajectory | FrameLabels | Calibration'
+    'Description | Scan | LineScan | Image | OxtsPacket | Pose | Trajectory | FrameLabels'
+    ' | Calibration'
 )
 
 

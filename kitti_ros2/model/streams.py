@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # A *stream* is one sensor's series. A *sample* is what one file (or one line) of it holds. A
 # sample's *number* is its KITTI file number: streams are paired by number, never by position in a
 # listing. OXTS_EXTRACT, the packets of the unsynchronised drive beside a synchronised one, has
-# numbers of its own, and is paired by time.
+# numbers of its own, and is paired by time; so has SICK, the line scanner of KITTI-360.
 
 CAMERA_COUNT = 5
 CAMERA_NAMES = {0: 'gray_left', 1: 'gray_right', 2: 'color_left', 3: 'color_right'}
@@ -45,6 +45,7 @@ class Stream(str, Enum):
     OXTS = 'oxts'
     OXTS_EXTRACT = 'oxts_extract'
     SCAN = 'scan'
+    SICK = 'sick'
     IMAGE_0 = 'image_0'
     IMAGE_1 = 'image_1'
     IMAGE_2 = 'image_2'
@@ -78,14 +79,15 @@ Otherwise (a raw extract) the samples of the first stream that has any are the f
 """
 
 
-UNNUMBERED = frozenset({Stream.OXTS_EXTRACT})
-"""Streams whose file numbers are those of another drive: they are selected by time alone."""
+UNNUMBERED = frozenset({Stream.OXTS_EXTRACT, Stream.SICK})
+"""Streams whose file numbers are no frames: they are selected by time alone."""
 
 STREAM_ALIASES = {
     'velodyne': Stream.SCAN,
     'velodyne_points': Stream.SCAN,
     'lidar': Stream.SCAN,
     'points': Stream.SCAN,
+    'sick_points': Stream.SICK,
     'imu': Stream.OXTS,
     'gps': Stream.OXTS,
     'calib': Stream.CALIBRATION,
@@ -264,7 +266,7 @@ _TRAITS = {
         title='KITTI-360 drive',
         noun='drive',
         default_name='2013_05_28_drive_0000_sync',
-        streams=_COMMON_STREAMS | {Stream.OXTS, Stream.POSE, Stream.LABELS},
+        streams=_COMMON_STREAMS | {Stream.SICK, Stream.OXTS, Stream.POSE, Stream.LABELS},
         cameras=(0, 1),
         main_camera=0,
         camera_names={index: str(index) for index in range(4)},

@@ -26,9 +26,16 @@ from ..messages.topics import decoders, own_topics
 from ..model.bag_formats import HEADLESS
 from ..model.errors import BadFileError, Loss, UsageError
 from ..model.recording import StreamIndex
-from ..model.streams import FRAME_STREAMS, Clock, Stream
+from ..model.streams import FRAME_STREAMS, UNNUMBERED, Clock, Stream
 from ..options.read import Bound, ScanStamp
-from .schedule import UNKNOWN, frame_runs, frames_of, nearest_frames, select_window
+from .schedule import (
+    UNKNOWN,
+    frame_runs,
+    frames_of,
+    masks_around,
+    nearest_frames,
+    select_window,
+)
 from .source_files import Folder, find_source_files, owner_of
 
 if TYPE_CHECKING:
@@ -137,16 +144,23 @@ def absent_frames(source_files: SourceFiles) -> tuple[Loss, ...]:
     They are those that the stream's file of stamps lists, or without one those that other streams
     have. Of a bag of a part of the recording they are those within that part.
     """
-    folders = source_files.folders
+    own = source_files.folders.keys() & UNNUMBERED
+    groups = [source_files.folders.keys() - own, *({stream} for stream in own)]
+    return tuple(loss for streams in groups for loss in _absent_of(source_files, streams))
+
+
+def _absent_of(source_files: SourceFiles, streams: Collection[Stream]) -> Iterator[Loss]:
+    """Yield the same of streams with common numbers."""
+    folders = {s: folder for s, folder in source_files.folders.items() if s in streams}
     carried = [number for folder in folders.values() for number in folder.carried]
     if source_files.times is not None or not carried:
-        return ()
+        return
     partial = any(folder.carried != folder.numbers for folder in folders.values())
     span = {*range(min(carried), max(carried) + 1)} if partial else None
     lines = source_files.layout.traits.line_streams - {Stream.LABELS}
+    lines = frozenset() if UNNUMBERED.issuperset(streams) else lines
     common = {n for stream in lines for n in _lines(source_files, stream)}
     common.update(*(folder.numbers for folder in folders.values()))
-    losses = []
     for stream, folder in folders.items():
         listed = _listed(source_files, stream)
         gaps = sorted((common if listed is None else listed).difference(folder.numbers))
@@ -158,8 +172,7 @@ def absent_frames(source_files: SourceFiles) -> tuple[Loss, ...]:
             if listed is not None:
                 name = source_files.stamps_path(stream).name
                 text = f'{folder.path}: no file for frames {{}}, which {name} lists'
-            losses.append(Loss(stream.value, len(absent), text, absent))
-    return tuple(losses)
+            yield Loss(stream.value, len(absent), text, absent)
 
 
 def _listed(source_files: SourceFiles, stream: Stream) -> set[int] | None:
@@ -171,7 +184,8 @@ def _listed(source_files: SourceFiles, stream: Stream) -> set[int] | None:
     if path.parent != folder.path.parent:
         return set()  # of another stream, which lists its own files
     first = LAYOUTS[source_files.layout].first_file(source_files.name)
-    first = min([first, *folder.numbers[:1]])
+    least = min([first, *folder.numbers[:1]])
+    first = folder.numbers[0] if first and folder.numbers and stream in UNNUMBERED else least
     return {number for number in source_files.file_stamps(stream) or () if number >= first}
 
 
@@ -251,12 +265,13 @@ class NumberedBag(NamedTuple):
         """
         if not self.common:
             return nearest_frames(stamps_ns, *self._reference())
-        log_ns = np.concatenate([topic.log_ns for topic in self.topics.values()])
-        numbers = np.concatenate([topic.numbers for topic in self.topics.values()])
+        framed = {name: t for name, t in self.topics.items() if t.stream not in UNNUMBERED}
+        log_ns = np.concatenate([topic.log_ns for topic in framed.values()])
+        numbers = np.concatenate([topic.numbers for topic in framed.values()])
         order = np.lexsort((numbers, log_ns))
         last = np.searchsorted(log_ns[order], stamps_ns, 'right') - 1
         frames = frame_runs(numbers[order])[np.maximum(last, 0)]
-        for topic in (self.topics[name] for name in topics if name in self.topics):
+        for topic in (framed[name] for name in topics if name in framed):
             is_known = (topic.numbers != UNKNOWN) & np.isin(topic.log_ns, stamps_ns)
             frames[np.searchsorted(stamps_ns, topic.log_ns[is_known])] = topic.numbers[is_known]
         return frames
@@ -419,11 +434,11 @@ def select_part(
             streams[stream] = StreamIndex(numbers, stamps_ns)
     if not streams:
         raise nothing_selected(source, np.empty(0, np.int64))
-    window = select_window(streams, selection, common=has_common_numbers(source_files))
-    selected = {
-        stream: frozenset(index.numbers[window.takes(index)].tolist())
-        for stream, index in streams.items()
-    }
+    own = {s: index for s, index in streams.items() if s not in UNNUMBERED} or streams
+    window = select_window(own, selection, common=has_common_numbers(source_files))
+    masks = {stream: window.takes(index) for stream, index in own.items()}
+    masks |= masks_around(streams, source_files.turns() or {}, masks, window)
+    selected = {s: frozenset(streams[s].numbers[mask].tolist()) for s, mask in masks.items()}
     frames = [stream for stream in FRAME_STREAMS if stream in streams]
     if not any(selected[stream] for stream in frames):
         numbers = np.concatenate([np.empty(0, np.int64), *(streams[s].numbers for s in frames)])

@@ -23,7 +23,13 @@ from ..importer.kitti_frames import ImportReport, with_indices
 from ..kitti import names
 from ..kitti.names import JPEGS, PNG
 from ..kitti.opening import keep_all_but_data_sets
-from ..kitti.scan_file import format_point_labels, format_points, format_scan, format_scan_text
+from ..kitti.scan_file import (
+    format_line_scan,
+    format_point_labels,
+    format_points,
+    format_scan,
+    format_scan_text,
+)
 from ..kitti.scan_grid import GridTally
 from ..messages.cdr import stamp_ns_of
 from ..messages.naming import FILE_CHECKS, POINTS, REST, BagContext
@@ -38,7 +44,7 @@ from ..model.errors import (
     format_numbers,
     merged,
 )
-from ..model.samples import Image
+from ..model.samples import Image, LineScan
 from ..model.streams import Layout, PngForm, Stream
 from .compact_scans import ScanRests, as_in_file
 from .missing_files import make_by_plan
@@ -68,7 +74,7 @@ if TYPE_CHECKING:
 
 
 def format_sample(
-    decode: Callable[[], Scan | Image],
+    decode: Callable[[], Scan | LineScan | Image],
     path: Path,
     columns: ScanColumns | None = None,
     rest: ScanRest | None = None,
@@ -92,6 +98,8 @@ def format_sample(
     sample = decode()
     if isinstance(sample, Image):
         return sample.data, ''
+    if isinstance(sample, LineScan):
+        return format_line_scan(sample), ''
     difference = f'for {POINTS} is missing: {sample.difference}' if sample.difference else ''
     if rest is not None:
         sample = as_in_file(sample, rest)
@@ -577,7 +585,7 @@ class _Writer:
         for difference, changed in self._differences.items():
             text = f"scans {{}} are not KITTI's own, {difference}"
             missing.append(Loss(Stream.SCAN.value, len(changed), text, tuple(sorted(changed))))
-        missing += self._changed_images()
+        missing += [*self._changed_line_scans(), *self._changed_images()]
         notes += [
             f'{stream.value} of frames {format_numbers(sorted(frames))} are JPEGs in files named'
             f" {PNG}: not KITTI's own pixels if another program has encoded them"
@@ -613,7 +621,7 @@ class _Writer:
             skipped = columns.describe_skipped()
             texts.append(f'scans {{}} are written without {skipped}, which to-bag left out')
         changed = [(text, tuple(sorted(scans))) for text in texts]
-        reasons = [*self._messages.earlier_losses]
+        reasons = self._reasons_of(Stream.SCAN)
         if self._source_files.compact:
             reasons = [f'they are rounded to 1 mm and 0.01, and {REST} does not say from what']
         inexact = tuple(sorted({*scans} - self._exact))
@@ -623,6 +631,19 @@ class _Writer:
             for text, numbers in changed
             if numbers
         ]
+
+    def _changed_line_scans(self) -> Iterator[Loss]:
+        """Yield what a program after to-bag has changed in all written line scans."""
+        numbers = tuple(sorted(self._written.get(Stream.SICK) or ()))
+        for reason in self._reasons_of(Stream.SICK) if numbers else ():
+            text = f"scans {{}} are not KITTI's own: {reason}"
+            yield Loss(Stream.SICK.value, len(numbers), text, numbers)
+
+    def _reasons_of(self, stream: Stream) -> list[str]:
+        """Return what the messages of a stream had lost before they were stored."""
+        topics = [row.topic for row in own_topics().values() if row.stream is stream]
+        starts = tuple(f'{topic} is ' for topic in topics)
+        return [loss for loss in self._messages.earlier_losses if loss.startswith(starts)]
 
     def _count_frames(self) -> int:
         """Count the written frames, in files of their own or in a common one."""

@@ -116,8 +116,9 @@ def select_window(
 
 
 def numbered(recording: ReadableRecording) -> dict[Stream, StreamIndex]:
-    """Return the streams of a recording whose file numbers are its own."""
-    return {s: index for s, index in recording.streams.items() if s not in UNNUMBERED}
+    """Return the streams of a recording whose file numbers are frames; all without any."""
+    own = {s: index for s, index in recording.streams.items() if s not in UNNUMBERED}
+    return own or dict(recording.streams)
 
 
 def nothing_selected(recording: ReadableRecording, selection: SelectionOptions) -> UsageError:
@@ -357,7 +358,7 @@ def make_schedule(recording: ReadableRecording, selection: SelectionOptions) -> 
     window = select_window(own, selection, common=common)
     masks = {stream: window.takes(index) for stream, index in own.items()}
     rows = [_row(stream, own[stream], masks[stream]) for stream in own if stream in streams]
-    rows += _rows_around(recording, masks, streams)
+    rows += _rows_around(recording, masks, streams, window)
     stamps = np.concatenate([row[2] for row in rows]) if rows else np.empty(0, np.int64)
     if not len(stamps) and streams <= set(ONCE):
         stamps = np.concatenate([index.stamps_ns for index in own.values()])
@@ -386,14 +387,30 @@ def _rows_around(
     recording: ReadableRecording,
     masks: Mapping[Stream, npt.NDArray[np.bool_]],
     streams: set[Stream],
+    window: Window,
 ) -> list[_Row]:
     """Return the rows of UNNUMBERED streams, as long as the taken samples of the others."""
-    present = recording.streams.keys() & streams & UNNUMBERED
-    span = time_span(recording.streams, recording.turns, masks) if present else None
-    if span is None:
-        return []
-    indexed = [(stream, recording.streams[stream]) for stream in present]
-    return [_row(stream, index, around(index.stamps_ns, span)) for stream, index in indexed]
+    present = recording.streams.keys() & streams - masks.keys()
+    taken = masks_around(recording.streams, recording.turns, masks, window)
+    return [_row(stream, recording.streams[stream], taken[stream]) for stream in present]
+
+
+def masks_around(
+    streams: Mapping[Stream, StreamIndex],
+    turns: Mapping[int, Turn],
+    masks: Mapping[Stream, npt.NDArray[np.bool_]],
+    window: Window,
+) -> dict[Stream, npt.NDArray[np.bool_]]:
+    """Return by stream without a mask (N,) bool: which samples are of the time of the others."""
+    others = streams.keys() - masks.keys()
+    is_whole = window == (UNLIMITED, UNLIMITED)
+    span = time_span(streams, turns, masks) if others and not is_whole else None
+    return {
+        stream: around(streams[stream].stamps_ns, span)
+        if span
+        else np.full(len(streams[stream]), is_whole)
+        for stream in others
+    }
 
 
 def _span(

@@ -28,7 +28,7 @@ from ..model.errors import (
 from ..model.geometry import Transform
 from ..model.recording import route_of
 from ..model.samples import Pose
-from ..model.streams import KITTI_COLUMNS, Clock, Stream
+from ..model.streams import KITTI_COLUMNS, UNNUMBERED, Clock, Stream
 from ..options.outputs import PictureOptions
 from ..pictures.painters import chosen_camera
 from ..pictures.panel import MODES
@@ -326,7 +326,8 @@ def _gap_issue(name: str, timing: Timing) -> Issue:
 def _shift_issues(stream: Stream, recording: KittiRecording) -> list[Issue]:
     """Return a warning if files with the same number belong to different times."""
     reference = recording.streams.get(Stream.SCAN)
-    if reference is None or stream is Stream.SCAN or not recording.common_numbers:
+    own = stream is Stream.SCAN or stream in UNNUMBERED or not recording.common_numbers
+    if reference is None or own:
         return []
     numbers, pairs = shifted_numbers(recording.streams[stream], reference)
     if not numbers:

@@ -133,7 +133,9 @@ def _find_huge(file: DataFile) -> Iterator[Breach]:
         yield Breach(text, file.path)
 
 
-@FILE_RULES.add('scan-size', ERROR, 'Scans have 16 bytes a point, or those of --columns', _COPY)
+@FILE_RULES.add(
+    'scan-size', ERROR, 'Scans have 16 bytes a point, or those of --columns; line scans 8', _COPY
+)
 def _find_cut(file: DataFile) -> Iterator[Breach]:
     if _is_cut(file):
         text = f'{file.size} bytes, which is no multiple of {file.point_bytes}'
@@ -150,7 +152,7 @@ def _failed(*streams: Stream) -> Callable[[DataFile], Iterator[Breach]]:
     return find
 
 
-FILE_RULES.add('scan-file', ERROR, 'Scans can be parsed', _COPY)(_failed(Stream.SCAN))
+FILE_RULES.add('scan-file', ERROR, 'Scans can be parsed', _COPY)(_failed(Stream.SCAN, Stream.SICK))
 FILE_RULES.add(
     'image-file', ERROR, 'Images are whole PNGs, and the checksum of each chunk is right', _COPY
 )(_failed(*IMAGE_STREAMS))

@@ -18,13 +18,13 @@ from ..kitti.calib_file import parse_calibration
 from ..kitti.find import LAYOUTS
 from ..kitti.kitti360 import LEANING
 from ..kitti.kitti_recording import no_calibration
-from ..kitti.scan_file import POINT_BYTES
+from ..kitti.scan_file import LINE_POINT_BYTES, POINT_BYTES
 from ..kitti.store import STORE
 from ..kitti.text_file import parse_times, parse_timestamps
 from ..model.boxes import DONT_CARE
 from ..model.errors import BadFileError, KittiRos2Error, describe_error
-from ..model.samples import Calibration, FrameLabels, OxtsPacket, Scan
-from ..model.streams import KITTI_COLUMNS, Clock, Stream
+from ..model.samples import Calibration, FrameLabels, LineScan, OxtsPacket, Scan
+from ..model.streams import KITTI_COLUMNS, UNNUMBERED, Clock, Stream
 from .file_rules import (
     CALIBRATION_RULES,
     FILE_RULES,
@@ -153,14 +153,24 @@ class FrameChecks:
             stream: stream.camera for stream in self._numbers if stream.camera is not None
         }
         self._calibrations: dict[str, Calibration] = {}
-        self._point_bytes = (recording.options.columns or KITTI_COLUMNS).point_bytes
+        self._point_bytes = {
+            Stream.SCAN: (recording.options.columns or KITTI_COLUMNS).point_bytes,
+            Stream.SICK: LINE_POINT_BYTES,
+        }
 
     @property
     def numbers(self) -> list[int]:
         """The numbers of all frames, ascending."""
         in_lines = [] if self._tracking is None else self._tracking.by_frame
         labelled = {number for number in in_lines if number is not None}
-        return sorted(labelled.union(*self._numbers.values(), self._tracklet_numbers))
+        framed = [numbers for s, numbers in self._numbers.items() if s not in UNNUMBERED]
+        return sorted(labelled.union(*framed, self._tracklet_numbers))
+
+    @property
+    def others(self) -> list[int]:
+        """The numbers of files that are those of no frame, ascending."""
+        own = [numbers for s, numbers in self._numbers.items() if s in UNNUMBERED]
+        return sorted(set().union(*own).difference(self.numbers))
 
     @cached_property
     def _tracklet_numbers(self) -> frozenset[int]:
@@ -189,6 +199,7 @@ class FrameChecks:
         for stream in self._cameras:
             self._check_image(stream, number, result)
         self._check_packet(number, result)
+        self._check_line_scan(number, result)
         calibration, calibration_path = self._check_calibration(number, result)
         lines, cuboids, label_path = self._check_labels(number, result)
         result.occlusions = [
@@ -206,7 +217,7 @@ class FrameChecks:
         if number not in self._numbers.get(stream, ()):
             return None
         path = self._recording.path(stream, number)
-        file = result.add(stream, path, self._point_bytes)
+        file = result.add(stream, path, self._point_bytes.get(stream, POINT_BYTES))
         return None if file is None or self._options.quick else path
 
     def _check_scan(
@@ -227,6 +238,15 @@ class FrameChecks:
         if frame is not None:
             labelled = LabelledScan(frame, scan.points, boxes)
             result.breaches += find_breaches(SCAN_FRAME_RULES, labelled)
+
+    def _check_line_scan(self, number: int, result: FrameResult) -> None:
+        path = self._path(Stream.SICK, number, result)
+        if path is None:
+            return
+        scan = result.try_read(Stream.SICK, path, lambda: self._recording.read(Stream.SICK, number))
+        if isinstance(scan, LineScan):
+            file = ScanFile(path, np.pad(scan.points, ((0, 0), (0, 1))))
+            result.breaches += find_breaches(SCAN_RULES, file)
 
     def _check_image(self, stream: Stream, number: int, result: FrameResult) -> None:
         path = self._path(stream, number, result)
@@ -431,8 +451,11 @@ class SequenceChecks:
             elif path.name == names.TIMES:
                 files[path] = StampsFile(path, self._parsed(path, text, parse_times), relative=True)
         scans = next((files[path].lines.values for path in files if _is_of_scans(path)), None)
-        paired = scans if self._recording.common_numbers else None
+        listings = self._recording.listings
+        own = {listings[stream].folder.parent for stream in UNNUMBERED & listings.keys()}
         for path, file in files.items():
+            common = self._recording.common_numbers and path.parent not in own
+            paired = scans if common else None
             self._report(file.lines.errors)
             ends = files.get(path.with_name(names.TIMESTAMPS_END))
             if path.name == names.TIMESTAMPS_START and ends is not None:
@@ -536,8 +559,12 @@ class _Check:
             sequence.run(quick=self._options.quick)
         path = sequence.calibration_path
         frames = FrameChecks(self._recording, self._options, path, sequence.labels)
-        numbers = frames.numbers
-        batches = [numbers[at : at + _BATCH] for at in range(0, len(numbers), _BATCH)]
+        numbers, others = frames.numbers, frames.others
+        batches = [
+            part[at : at + _BATCH]
+            for part in (numbers, others)
+            for at in range(0, len(part), _BATCH)
+        ]
         done = 0
         for results in _map(frames, batches):
             for result in results:
@@ -545,7 +572,7 @@ class _Check:
                 if result.packet is not None:
                     sequence.packets[result.number] = result.packet
             done += len(results)
-            progress(done, len(numbers))
+            progress(done, len(numbers) + len(others))
         with np.errstate(all='ignore'):
             if not self._options.quick:
                 sequence.check_packets()

@@ -25,6 +25,7 @@ from kitti_ros2.model.samples import (
     Calibration,
     Description,
     FrameLabels,
+    LineScan,
     OxtsPacket,
     Pose,
     Scan,
@@ -79,6 +80,9 @@ SAMPLES = {
         st.none() | TEXTS,
     ),
     Stream.SCAN: scans(),
+    Stream.SICK: arrays.arrays(
+        np.float32, st.tuples(st.integers(0, 20), st.just(3)), elements=st.floats(width=32)
+    ).map(LineScan),
     Stream.IMAGE_2: PIXELS.map(
         lambda pixels: parse_png(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
     ),
@@ -107,6 +111,8 @@ def assert_same(sample, back):
         assert back.points.tobytes() == sample.points.tobytes()
         assert (back.labels is None) == (sample.labels is None)
         assert sample.labels is None or back.labels.tolist() == sample.labels.tolist()
+    elif isinstance(sample, LineScan):
+        assert back.points.tobytes() == sample.points.tobytes()
     elif isinstance(sample, Pose):
         expected = sample.world_T_imu.matrix()
         np.testing.assert_allclose(back.world_T_imu.matrix(), expected, rtol=0, atol=1e-6)

@@ -25,6 +25,8 @@ from planting import (
     set_word,
     write_blank,
 )
+from sick_scans import SICK, add_sick, sick_file
+from sick_scans import TO_VELO as SICK_TO_VELO
 
 from kitti_ros2.kitti.text_file import format_timestamps, parse_timestamps
 from kitti_ros2.model.streams import Layout
@@ -147,6 +149,30 @@ def reversed_poses(root: Path, _: int) -> Path:
 
 def renamed(path: Path, name: str) -> Path:
     return path.rename(path.with_name(name))
+
+
+def write_pairs(path: Path, pairs) -> Path:
+    path.write_bytes(np.array(pairs, '<f4').tobytes())
+    return path
+
+
+def of_sick(damage, *rest: object):
+    """Add scans of the SICK, and damage one of them, whose number is that of no frame."""
+
+    def plant(root: Path, n: int) -> Path:
+        if not (root / SICK).is_dir():
+            add_sick(root)
+        return damage(sick_file(root, 50 + n), *rest)
+
+    return plant
+
+
+def with_sick(name: str, damage, *rest: object):
+    def plant(root: Path, _: int) -> Path:
+        add_sick(root)
+        return damage(root / name, *rest)
+
+    return plant
 
 
 FISHEYE = """%YAML:1.0
@@ -275,6 +301,29 @@ _ROWS = (
         edit_line(root / POSES, n, lambda _: '') and root / POSES, n + 1, 12, '500'), (), True),
     ('folder of poses without _sync', 'data-unusable', whole(
         f'data_poses/{D}', renamed, D.removesuffix('_sync')), (), True),
+    ('line scan of 0 bytes', 'file-empty', of_sick(empty)),
+    ('line scan cut inside a point', 'scan-size', of_sick(cut, -3)),
+    ('line scan with infinity', 'scan-finite', of_sick(lambda path: write_pairs(
+        path, [[1, 2], [np.inf, 3]]))),
+    ('line scan of zeros', 'scan-constant', of_sick(lambda path: write_pairs(
+        path, np.zeros((9, 2))))),
+    ('line scan in millimetres', 'scan-range', of_sick(lambda path: write_pairs(
+        path, [[1000, 2000], [3000, 4000]]))),
+    ('pipe named like a line scan', 'file-readable', of_sick(make_pipe)),
+    ('line scan of 10 GB', 'file-huge', of_sick(make_huge)),
+    ('line scan missing', 'frames-missing', of_sick(remove)),
+    ('line scan beyond the stamps', 'data-unusable', of_sick(lambda path: renamed(
+        path, '0000000900.bin') and path.parents[1] / _T), (), True),
+    ('line scan of another name', 'names-unusual', of_sick(lambda path: renamed(
+        path, 'scan.bin').parent)),
+    ('stamp of a line scan before the one above', 'stamps-order', with_sick(
+        f'{SICK}/{_T}', edit_line, 40, lambda _: '2011-09-26 12:00:00.000000000'), (), True),
+    ('line scans without stamps', 'data-unusable', with_sick(
+        f'{SICK}/{_T}', gone), (), True),
+    ('mount of the line scanner missing', 'calib-missing', with_sick(
+        SICK_TO_VELO, gone), (), True),
+    ('sick_to_velo of 11 numbers', 'calib-value', with_sick(
+        SICK_TO_VELO, edit_line, 1, lambda line: line.rsplit(' ', 1)[0]), (), True),
     ('images in the folder of fisheyes', 'data-unusable', whole(
         f'{RIGHT}/data_rect', renamed, 'data_rgb'), (), True),
 )  # fmt: skip
