@@ -11,7 +11,7 @@ from markdown_tables import attributes, code, table
 
 from kitti_ros2.messages.camera_info import static_links
 from kitti_ros2.messages.naming import PRESETS, FrameNames, base_t_imu, make_frames
-from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table
+from kitti_ros2.messages.topics import EVERY_MESSAGE, make_table, view_topics
 from kitti_ros2.model.bag_formats import FORMATS, VALUES, Order
 from kitti_ros2.options.messages import MessageOptions, Preset
 from kitti_ros2.synthetic.scene import make_calibration
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 CAMERAS = '{gray,color}_{left,right}'
 _CAMERA = f'/kitti/camera_{CAMERAS}'
+_VIEW = '/kitti/camera_{2,3}/pinhole'
 _OPTICAL = 'the camera'
 _COLOUR = 'camera_color_left_optical_frame'
 _FRAMES = '10 Hz'
@@ -31,6 +32,9 @@ _TOPICS = {
     f'{_CAMERA}/image_rect/compressed': (_OPTICAL, "image: the PNG's own bytes", _FRAMES),
     f'{_CAMERA}/image_rect': (_OPTICAL, 'image as pixels: `--images raw`', _FRAMES),
     f'{_CAMERA}/camera_info': (_OPTICAL, 'calibration of the image', _FRAMES),
+    f'{_VIEW}/image_rect/compressed': (_OPTICAL, 'PNG of the view: `--fisheye pinhole`', _FRAMES),
+    f'{_VIEW}/image_rect': (_OPTICAL, 'its pixels: `--images raw`', _FRAMES),
+    f'{_VIEW}/camera_info': (_OPTICAL, 'a pinhole without distortion', _FRAMES),
     '/kitti/oxts/imu': ('imu_link', 'accelerations with gravity, rates, orientation', _PACKETS),
     '/kitti/oxts/fix': ('imu_link', 'latitude, longitude, altitude above the sea', _PACKETS),
     '/kitti/oxts/vel': ('imu_link', 'velocity and rates, along the axes of the unit', _PACKETS),
@@ -67,6 +71,8 @@ def topics() -> str:
     """Return the table of topics with frame, meaning, rate and QoS, the sensors first."""
     options = dataclasses.replace(EVERY_MESSAGE, annotated=True)
     made = {row.topic: row for row in make_table({0: CAMERAS}, 'image_rect', options)}
+    views = {row.topic: row for row in view_topics().values()}
+    made |= {topic.replace('_2/', '_{2,3}/'): views[topic] for topic in views if '_2/' in topic}
     order = {topic: place for place, topic in enumerate(_TOPICS)}
     rows = []
     for topic in sorted(made, key=order.__getitem__):

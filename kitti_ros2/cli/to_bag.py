@@ -204,7 +204,7 @@ def to_bag(
     if config:
         given = add_config(config, given, TO_BAG)
     settings = make_settings(given)
-    if settings.messages.images is not Images.COMPRESSED:
+    if settings.messages.decodes_images:
         keep_freed_memory()
     if batch.whole:
         return _run_all(src, out, given, settings, batch, quiet=quiet, json=json)

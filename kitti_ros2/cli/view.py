@@ -296,7 +296,7 @@ def run_rerun(
 
     Args:
         src: KITTI folder or bag.
-        given: Options by name: layout, sequence, start, end and topics, as in to-bag.
+        given: Options by name: layout, sequence, start, end, topics and fisheye, as in to-bag.
         web: Serve a page on localhost until Ctrl-C.
         save: Write this .rrd file.
         overwrite: Whether an existing .rrd file may be replaced.
@@ -410,7 +410,7 @@ _COMMON = (
     'iou',
 )
 """Options of pictures and of Rerun."""
-_TOPICS = ('topics', 'exclude_topics')
+_OF_RERUN = ('topics', 'exclude_topics', 'fisheye')
 _RERUN = 'Rerun'
 
 
@@ -459,7 +459,7 @@ def view(
       kitti-ros2 view drive_0005.mcap --start 5s --end 15s -o drive.mp4
     """
     if rerun:
-        selected = {name: given.pop(name) for name in (*_COMMON, *_TOPICS) if name in given}
+        selected = {name: given.pop(name) for name in (*_COMMON, *_OF_RERUN) if name in given}
         pictures = ['out'] * (out is not None) + list(given)
         if pictures:
             option = pictures[0].replace('_', '-')
@@ -467,8 +467,8 @@ def view(
 
         overwrite = bool(selected.pop('overwrite', False))
         return run_rerun(src, selected, web=web, save=save, overwrite=overwrite, quiet=quiet)
-    if web or save is not None or given.keys() & set(_TOPICS):
-        raise UsageError('--web, --save, --topics and --exclude-topics go with --rerun')
+    if web or save is not None or given.keys() & set(_OF_RERUN):
+        raise UsageError('--web, --save, --topics, --exclude-topics, --fisheye go with --rerun')
     if out is None:
         raise UsageError(
             'OUT is missing (a picture, a film or a folder); usage: kitti-ros2 view SRC OUT,'

@@ -34,6 +34,7 @@ from ..messages.tf_tree import (
     nearest_axis,
     root_heading,
 )
+from ..messages.topics import view_topics
 from ..messages.videos import (
     TITLES,
     codec_of,
@@ -688,7 +689,15 @@ def _with_info(rig: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
 
 
 def _without_fisheyes(cameras: Sequence[RigCamera], notes: list[str]) -> list[RigCamera]:
-    """Return the cameras but those of a model that no CameraInfo of ROS describes (KITTI-360)."""
+    """Return the cameras but those of a model that no CameraInfo of ROS describes (KITTI-360).
+
+    Nor are their pinhole views cameras: these look to the sides, and are made of the same images.
+    """
+    views = [camera for camera in cameras if camera.topic.name in view_topics()]
+    notes += [
+        f'passed over: {camera.topic.name}; it is made of the images of a fisheye'
+        for camera in views
+    ]
     fisheyes = [
         camera
         for camera in cameras
@@ -697,7 +706,7 @@ def _without_fisheyes(cameras: Sequence[RigCamera], notes: list[str]) -> list[Ri
         and camera.info.samples[0].distortion_model == MeiLens.model
     ]
     notes += [f'passed over: {camera.topic.name}; it is a fisheye' for camera in fisheyes]
-    return [camera for camera in cameras if camera not in fisheyes]
+    return [camera for camera in cameras if camera not in (*fisheyes, *views)]
 
 
 def _by_own_names(cameras: Sequence[RigCamera]) -> dict[int, RigCamera]:

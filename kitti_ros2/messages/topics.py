@@ -18,10 +18,10 @@ decode. What comes back:
 - images: the bytes of the PNG file; of pixels, another PNG file of the same pixels
 
 decode is None where other rows restore what the messages contain: /tf_static, camera_info (the
-calibration's files), path, /tf (the odometry), imu, fix, vel (the packets' texts), sweep (the time
-stamps among the files), detections, objects, boxes_2d, markers, annotated, annotations (the labels'
-texts, or tracklets among the files). Predictions and the packets of an unsynchronised drive are not
-restored: they are no files of the recording.
+calibration's files), pinhole (the images of fisheyes), path, /tf (the odometry), imu, fix, vel (the
+packets' texts), sweep (the time stamps among the files), detections, objects, boxes_2d, markers,
+annotated, annotations (the labels' texts, or tracklets among the files). Predictions and the
+packets of an unsynchronised drive are not restored: they are no files of the recording.
 
 Names by preset and stack are in naming.py.
 """
@@ -37,6 +37,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from ..drawing.labelled_objects import colour_pixels, compared, is_missed, objects_of
+from ..files.image_files import encode_png
 from ..model.bag_formats import (
     ANNOTATIONS,
     CAMERA_INFO,
@@ -69,9 +70,9 @@ from ..model.errors import (
     similarity,
     some_of,
 )
-from ..model.samples import PNG, Description, cuboids_of, identified
-from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Stream
-from ..options.messages import Clouds, Images, MessageOptions, Objects
+from ..model.samples import PNG, Description, Image, cuboids_of, identified
+from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Layout, PngForm, Stream
+from ..options.messages import Clouds, Fisheye, Images, MessageOptions, Objects
 from .camera_info import (
     encode_camera_info,
     encode_static,
@@ -115,6 +116,7 @@ from .oxts import (
     encode_velocity,
     encode_velocity_with_covariance,
 )
+from .pinhole_view import pinhole_view
 from .scan import decode_line_scan, decode_scan, encode_line_scan, encode_scan
 from .source_texts import (
     decode_description,
@@ -136,7 +138,6 @@ if TYPE_CHECKING:
         Calibration,
         CompactScan,
         FrameLabels,
-        Image,
         LineScan,
         OxtsPacket,
         Pose,
@@ -146,6 +147,7 @@ if TYPE_CHECKING:
     )
     from ..options.read import SelectionOptions
     from .naming import BagContext, EncodeContext
+    from .pinhole_view import PinholeView
 
 
 # Topics that --topics and --exclude-topics select.
@@ -365,15 +367,53 @@ def _annotations(
 
 def make_camera_info(image: Image, context: EncodeContext) -> object:
     """Make the CameraInfo of an image."""
-    calibration = context.calibration()
-    if context.camera not in calibration.cameras:
-        reason = _reason_without_camera(calibration, context.camera)
-        raise MissingDataError(f'{reason}; it is needed for camera_info')
+    calibration = _camera_calibration(context, 'camera_info')
     size = (image.width, image.height)
     stereo = context.rig.options.stereo
     frame = _image_frame(context)
     template = _camera_info_template(calibration, context.camera, size, frame, stereo=stereo)
     return restamp(template, context.stamp_ns)
+
+
+def make_view_info(_image: Image, context: EncodeContext) -> object:
+    """Make the CameraInfo of the pinhole view of a fisheye."""
+    view, frame = _view(context), _image_frame(context)
+    template = _camera_info_template(
+        view.calibration, context.camera, view.size, frame, stereo=False
+    )
+    return restamp(template, context.stamp_ns)
+
+
+def make_view(image: Image, context: EncodeContext) -> object:
+    """Make the Image of the pinhole view of a fisheye."""
+    pixels = _view(context).of(context.pixels(image))
+    encoding = context.rig.options.color_encoding
+    return encode_pixels(pixels, context.stamp_ns, _image_frame(context), encoding)
+
+
+def make_compressed_view(image: Image, context: EncodeContext) -> object:
+    """Make the CompressedImage of the pinhole view of a fisheye: a PNG, without loss."""
+    view = _view(context)
+    png = encode_png(view.of(context.pixels(image)), PngForm.FAST)
+    picture = Image(png, *view.size, image.channels)
+    return encode_compressed(picture, context.stamp_ns, _image_frame(context))
+
+
+def _view(context: EncodeContext) -> PinholeView:
+    return pinhole_view(_camera_calibration(context, 'the pinhole view'), context.camera)
+
+
+def _camera_calibration(context: EncodeContext, purpose: str) -> Calibration:
+    """Return the calibration of a frame.
+
+    Raises:
+        MissingDataError: It has not the camera.
+    """
+    calibration = context.calibration()
+    if context.camera not in calibration.cameras:
+        reason = _reason_without_camera(calibration, context.camera)
+        raise MissingDataError(f'{reason}; it is needed for {purpose}')
+    return calibration
 
 
 def _reason_without_camera(calibration: Calibration, camera: int) -> str:
@@ -644,8 +684,11 @@ def make_table(
         for row in rows
     ]
     for index, name in sorted(cameras.items()):
-        images = IMAGE_TOPICS[1] if index in raw_cameras else image_topic
-        rows += _camera_rows(IMAGE_STREAMS[index], f'/kitti/camera_{name}', images, options)
+        is_raw, camera = index in raw_cameras, f'/kitti/camera_{name}'
+        images = IMAGE_TOPICS[1] if is_raw else image_topic
+        rows += _camera_rows(IMAGE_STREAMS[index], camera, images, options)
+        if is_raw and options.fisheye is Fisheye.PINHOLE:
+            rows += _view_rows(IMAGE_STREAMS[index], camera, options.images)
     names = naming_of(options)
     return [replace(row, topic=names.topic(row.topic)) for row in rows]
 
@@ -691,6 +734,31 @@ def _camera_rows(
     return rows
 
 
+def _view_rows(stream: Stream, camera: str, images: Images) -> list[Topic]:
+    """Return the rows of the pinhole view of a fisheye, from which nothing is restored."""
+    view = f'{camera}/pinhole'
+    rows = [Topic(f'{view}/camera_info', CAMERA_INFO, stream, make_view_info)]
+    image = f'{view}/{IMAGE_TOPICS[0]}'
+    if images is not Images.RAW:
+        rows.append(Topic(f'{image}/compressed', COMPRESSED, stream, make_compressed_view))
+    if images is not Images.COMPRESSED:
+        rows.append(Topic(image, IMAGE, stream, make_view))
+    return rows
+
+
+@lru_cache(maxsize=1)
+def view_topics() -> Mapping[str, Topic]:
+    """Return the rows of all pinhole views of fisheyes, by topic name."""
+    return {
+        row.topic: row
+        for traits in (layout.traits for layout in Layout)
+        for index in traits.raw_cameras
+        for row in _view_rows(
+            IMAGE_STREAMS[index], f'/kitti/camera_{traits.camera_names[index]}', Images.BOTH
+        )
+    }
+
+
 @lru_cache(maxsize=1)
 def own_topics() -> Mapping[str, Topic]:
     """Return all rows that to-bag may write, for all names and rigs, by topic name."""
@@ -701,6 +769,7 @@ def own_topics() -> Mapping[str, Topic]:
             for images in (Images.RAW, Images.BOTH):
                 options = replace(EVERY_MESSAGE, images=images)
                 topics |= {row.topic: row for row in make_table(cameras, image_topic, options)}
+    topics |= view_topics()
     topics[REST] = _REST_ROW  # compact clouds themselves are read as others are
     rows = list(topics.values())
     for names in every_naming():

@@ -61,6 +61,7 @@ class ToBagKeywords(ReadKeywords, total=False):
     covariances: bool | None
     points: str | None
     clouds: str
+    fisheye: str
     stereo_frame: str
     color_encoding: str
     stack: str | None

@@ -223,6 +223,13 @@ class Images(str, Enum):
     BOTH = 'both'
 
 
+class Fisheye(str, Enum):
+    """Images of fisheyes: their own alone, or a pinhole view beside each of them."""
+
+    RAW = 'raw'
+    PINHOLE = 'pinhole'
+
+
 class Clouds(str, Enum):
     """Form of clouds: the bytes of their points, or compressed as Cloudini does it."""
 
@@ -262,6 +269,7 @@ class MessageOptions:
             published, too; None is not.
         points: Format of clouds; None follows ring_and_time.
         clouds: plain or compact.
+        fisheye: raw or pinhole; see messages/pinhole_view.py.
         ground_truth: Options of a TF tree of the poses alone.
         stereo: Whether cameras have the CameraInfo of a stereo pair; see messages/camera_info.py.
             The stamps of pairs are of ReadOptions.
@@ -343,6 +351,12 @@ class MessageOptions:
         " what gives the files' bytes again (compact)",
         Clouds,
     )
+    fisheye: Fisheye = choice(
+        Fisheye.RAW,
+        'Images of fisheyes as they are (raw), or also as a rectified view of 100 degrees, which'
+        ' every consumer of CameraInfo can use (pinhole)',
+        Fisheye,
+    )
     stereo: bool = False
     stereo_frame: StereoFrame = choice(
         StereoFrame.OWN,
@@ -367,6 +381,11 @@ class MessageOptions:
     def cloud(self) -> Points:
         """The format of clouds."""
         return self.points or (Points.XYZIRT if self.ring_and_time else Points.XYZI)
+
+    @property
+    def decodes_images(self) -> bool:
+        """Whether messages are made of the pixels of images."""
+        return self.images is not Images.COMPRESSED or self.fisheye is Fisheye.PINHOLE
 
     @property
     def own_frames(self) -> bool:

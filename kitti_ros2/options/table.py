@@ -236,8 +236,8 @@ VIEW = (
     *(replace(opt, common=False) for opt in _SPAN),
     *(
         replace(opt, meaning=f'With --rerun: {opt.meaning}', common=False)
-        for opt in options_of(SelectionOptions)
-        if opt.name in {'topics', 'exclude_topics'}
+        for opt in (*options_of(SelectionOptions), *_MESSAGES)
+        if opt.name in {'topics', 'exclude_topics', 'fisheye'}
     ),
 )
 

@@ -30,6 +30,7 @@ from ..messages.topics import (
     make_table,
     select_topics,
     unmatched,
+    view_topics,
     without_latched_calibrations,
 )
 from ..model.bag_formats import FORMATS, IMAGE
@@ -44,7 +45,7 @@ from ..model.errors import (
 from ..model.samples import Calibration, Description, FrameLabels, Scan, has_complete_labels
 from ..model.streams import IMAGE_STREAMS, NS_PER_S, Stream
 from ..options.declare import options_of
-from ..options.messages import Clouds, ColorEncoding, MarkerOptions
+from ..options.messages import Clouds, ColorEncoding, Fisheye, MarkerOptions
 from ..options.stack_names import IMU, StackName
 
 if TYPE_CHECKING:
@@ -398,6 +399,10 @@ class Encoder:
                     images = streams == IMAGE_STREAMS
                     what = 'image' if images else ' or '.join(stream.value for stream in streams)
                     lacking.setdefault(f'no {what} is written', []).append(opt.name)
+        if options.fisheye is Fisheye.PINHOLE and not any(
+            row.topic in view_topics() for row in self.table
+        ):
+            lacking['no fisheye is written'] = ['fisheye']
         if options.markers.trails and not self._rig.tracked and self._rows[Stream.LABELS]:
             lacking['its labels have no tracks'] = ['trails']
         return [

@@ -19,7 +19,7 @@ from ..files.threads import limit_to_one_thread, ordered_map, worker_count
 from ..messages.cdr import LastKeys
 from ..messages.ros_types import TYPESTORE
 from ..model.errors import KittiRos2Error, Loss
-from ..options.messages import Clouds, Images
+from ..options.messages import Clouds
 from .encode import Encoder, SampleNotes
 from .schedule import make_schedule
 
@@ -252,7 +252,7 @@ def convert(
         tally.lose(loss)
     source = {'layout': recording.layout.value, 'name': recording.name}
     messages = options.messages
-    decodes = messages.images is not Images.COMPRESSED or messages.clouds is Clouds.COMPACT
+    decodes = messages.decodes_images or messages.clouds is Clouds.COMPACT
     threads = max(worker_count(), jobs)
     with (
         # Before the others: a fork inherits open files and locks.

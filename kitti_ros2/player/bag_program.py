@@ -21,7 +21,7 @@ from ..kitti.prepare import add_predictions
 from ..messages.cdr import Message, filling, join, serialize, stamp_ns_of
 from ..messages.images import encode_pixels, pixels_of
 from ..messages.ros_types import TYPESTORE
-from ..messages.topics import match_names, unmatched
+from ..messages.topics import match_names, unmatched, view_topics
 from ..model.bag_formats import (
     ANNOTATIONS,
     CAMERA_INFO,
@@ -36,7 +36,7 @@ from ..model.bag_formats import (
 from ..model.errors import BadBagError, KittiRos2Error, Loss, UsageError, describe_error
 from ..model.recording import BY_POSITION
 from ..model.streams import Stream
-from ..options.messages import ColorEncoding, Images
+from ..options.messages import ColorEncoding, Fisheye, Images
 from ..options.outputs import Stamps
 from ..options.table import PlaySettings
 from ..own_bags.numbering import number_bag
@@ -567,6 +567,12 @@ def open_program(
                 raise UsageError(
                     f'{path}: annotations are made of KITTI folders, and this is a bag; to-bag'
                     f' --annotations makes a bag with them'
+                )
+            has_view = any(topic in view_topics() for topic, _ in bag.index.stamps)
+            if settings.messages.fisheye is Fisheye.PINHOLE and not has_view:
+                raise UsageError(
+                    f'{path}: pinhole views of fisheyes are made of KITTI folders, and this is a'
+                    f' bag; to-bag --fisheye pinhole makes a bag with them'
                 )
             if settings.imu.path is not None:
                 raise UsageError(

@@ -391,7 +391,7 @@ def test_a_picture_shows_the_first_frame_from_the_start_on(recordings, tmp_path)
         ('o.png', ['--end', '2'], '--end is for a film (.mp4, .gif) or folder'),
         ('o', ['--start', '9'], 'the selection takes no frame; it has 0 to 4'),
         ('o', ['--start', '3', '--end', '1'], 'the end (frame 1) is before the start (frame 3)'),
-        ('o', ['--topics', '/tf'], '--exclude-topics go with --rerun'),
+        ('o', ['--topics', '/tf'], '--exclude-topics, --fisheye go with --rerun'),
     ],
 )
 def test_a_selection_that_cannot_be_is_one_line(recordings, tmp_path, capsys, out, words, said):

@@ -37,6 +37,7 @@ TEXTS = ('text', 'bibtex')
 NOT_RUN = {
     'README.md': 6,
     'docs/howto/argoverse2.md': 3,
+    'docs/howto/bags.md': 1,
     'docs/howto/clusters.md': 6,
     'docs/howto/get.md': 1,
     'docs/howto/kitti.md': 1,
