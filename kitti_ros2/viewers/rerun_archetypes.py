@@ -16,7 +16,7 @@ import numpy as np
 import rerun as rr
 
 from ..drawing.labelled_objects import PREDICTION_COLOR, rgb_of
-from ..messages.camera_info import camera_model
+from ..messages.camera_info import LENS_MODELS, camera_model
 from ..messages.cdr import stamp_ns_of, transform_of
 from ..messages.clouds import decode_cloud, guess_intensity_scale
 from ..messages.images import decode_compressed_pixels, decode_pixels, picture_kind
@@ -316,6 +316,13 @@ class PinholeConverter(Converter):
             return
         view = self.context.rig.update(self.topic, model)
         for image in self._images:
+            if model.model not in LENS_MODELS and not is_rectified(image, model):
+                # Its K is no pinhole's, not even in the middle of the image.
+                self.context.note(
+                    f'{image}: Rerun has no camera of model {model.model}, so it is shown without a'
+                    f' pose; its pinhole view, by --fisheye pinhole, has one'
+                )
+                continue
             yield from _pinhole(image, model, view)
 
 

@@ -9,6 +9,7 @@ import pytest
 
 pytest.importorskip('rerun', reason='rerun-sdk is not installed')
 
+import fisheye_drive
 import foreign
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,11 +17,12 @@ from read_rrd import show_in
 
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.camera_info import camera_model
+from kitti_ros2.messages.pinhole_view import pinhole_view
 from kitti_ros2.messages.rectified_cameras import Viewpoint
 from kitti_ros2.model.geometry import Transform, rotation_from_rpy
 from kitti_ros2.model.recording import BY_POSITION
-from kitti_ros2.model.streams import Stream
-from kitti_ros2.options.messages import MessageOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.messages import Fisheye, MessageOptions
 from kitti_ros2.options.read import SelectionOptions
 from kitti_ros2.player.bag_program import BagProgram
 from kitti_ros2.player.program import RecordingProgram
@@ -87,6 +89,8 @@ def test_points_of_the_scanner_land_where_kitti_projects_them(recording_path, tm
     rect = Transform(calibration.r0_rect, np.zeros(3)) @ calibration.cam0_T_velo
     points = np.column_stack([rect.apply(street()), np.ones(300)])
     for index, name in recording.cameras.items():
+        if index in recording.layout.traits.raw_cameras:
+            continue  # a fisheye
         image = f'/kitti/camera_{name}/image_rect/compressed'
         expected = through(calibration.cameras[index].p_rect, points)
         found = pixels_in(rrd, image, 'velo_link', street())
@@ -123,6 +127,29 @@ def test_k_at_the_pinhole_is_p_after_r(rpy, offset, place):
     inside = view.cam_T_frame.apply(points) @ r.T
     expected = through(model.p, np.column_stack([inside, np.ones(3)]))
     np.testing.assert_allclose(through(k, pinhole_t_frame.apply(points)), expected, atol=1e-6)
+
+
+def test_a_fisheye_has_no_pinhole_but_by_its_view(recordings, tmp_path):
+    """K of MEI's model is that of no pinhole: three times too long in the middle."""
+    root = fisheye_drive.add_fisheyes(recordings[Layout.KITTI_360], tmp_path / 'set')
+    recording = open_recording(root)
+    options = MessageOptions(fisheye=Fisheye.PINHOLE)
+    program = RecordingProgram(recording, options, SelectionOptions(), 1)
+    rrd, report = show_in(tmp_path / 'o.rrd', program)
+    assert not report.losses
+    calibration = recording.calibration(0)
+    for index in (2, 3):
+        image = f'/kitti/camera_{index}/image_raw/compressed'
+        assert len(rrd.having(image, 'EncodedImage:blob')) == len(fisheye_drive.FRAMES)
+        assert rrd.having(image, 'Pinhole:image_from_camera') == []
+        assert any(note.startswith(f'{image}: Rerun has no camera of') for note in report.notes)
+        view = f'/kitti/camera_{index}/pinhole/image_rect/compressed'
+        assert len(rrd.having(view, 'EncodedImage:blob')) == len(fisheye_drive.FRAMES)
+        cam_t_velo = calibration.cameras[index].cam_T_velo
+        seen = np.random.default_rng(3).uniform((-3, -3, 4), (3, 3, 9), (100, 3))
+        p = pinhole_view(calibration, index).calibration.cameras[index].p_rect
+        found = pixels_in(rrd, view, 'velo_link', cam_t_velo.inverse().apply(seen))
+        np.testing.assert_allclose(found, through(p[:, :3], seen), atol=0.05)
 
 
 def test_a_camera_without_calibration_is_noted(show_messages):
