@@ -41,11 +41,17 @@ def generate_launch_description() -> LaunchDescription:
             description='file of all parameters; given arguments win over it',
         ),
         DeclareLaunchArgument('rviz', default_value='false', description='whether to start RViz'),
+        DeclareLaunchArgument(
+            'rviz_config',
+            default_value='kitti.rviz',
+            description='what RViz shows, of config/: kitti.rviz, or kitti360.rviz for KITTI-360',
+        ),
     ]
+    rviz_config = LaunchConfiguration('rviz_config')
     rviz = Node(
         package='rviz2',
         executable='rviz2',
-        arguments=['-d', PathJoinSubstitution([SHARE, 'config', 'kitti.rviz'])],
+        arguments=['-d', PathJoinSubstitution([SHARE, 'config', rviz_config])],
         parameters=[{'use_sim_time': True}],
         condition=IfCondition(LaunchConfiguration('rviz')),
     )

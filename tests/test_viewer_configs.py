@@ -1,22 +1,24 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""config/foxglove.json and config/kitti.rviz name topics that there are, of the right types."""
+"""The layouts and displays of config/ name topics that there are, of the right types."""
 
 import json
 import re
 from pathlib import Path
 
+import fisheye_drive
 import pytest
 import yaml
 from prediction_set import write_results
 from rosbags.interfaces import Nodetype
 
 from kitti_ros2.cli import main
+from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.ros_types import TYPESTORE
 from kitti_ros2.messages.topics import make_table
 from kitti_ros2.model.bag_formats import ANNOTATIONS, DIAGNOSTICS
-from kitti_ros2.model.streams import CAMERA_NAMES, Layout
-from kitti_ros2.options.messages import Images, MessageOptions
+from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.options.messages import Fisheye, Images, MessageOptions
 from kitti_ros2.options.table import make_play_settings
 from kitti_ros2.player.bag_program import open_program, reserved_by_node
 
@@ -31,25 +33,50 @@ PATH = 'nav_msgs/msg/Path'
 
 OF_MARKERS = {'/kitti/labels/markers', '/kitti/predictions/markers'}
 
-RVIZ_SHOWS = {'PointCloud2': CLOUD, 'MarkerArray': MARKERS, 'Path': PATH, 'Image': IMAGE}
+RVIZ_SHOWS = {
+    'PointCloud2': CLOUD,
+    'MarkerArray': MARKERS,
+    'Path': PATH,
+    'Image': IMAGE,
+    'Camera': IMAGE,
+}
+FILES = {
+    Layout.RAW: ('foxglove.json', 'kitti.rviz'),
+    Layout.KITTI_360: ('foxglove_kitti360.json', 'kitti360.rviz'),
+}
+WITHOUT_OFFSET = ('camera_color_left', 'camera_gray_left', 'camera_0', 'camera_2/pinhole')
+"""Cameras with a fourth column of P that is zero."""
+ON_REQUEST = '--fisheye pinhole'
+
+
+@pytest.fixture(scope='module', params=FILES, ids=lambda layout: layout.value)
+def kitti(request):
+    """The layout of KITTI that is shown."""
+    return request.param
 
 
 @pytest.fixture(scope='module')
-def types():
-    """By topic its type, with all cameras and kinds of images."""
-    options = MessageOptions(images=Images.BOTH, annotations=True)
-    rows = make_table(CAMERA_NAMES, 'image_rect', options)
+def rows(kitti):
+    """The topics with all cameras and kinds of images."""
+    options = MessageOptions(images=Images.BOTH, annotations=True, fisheye=Fisheye.PINHOLE)
+    traits = kitti.traits
+    return make_table(traits.camera_names, 'image_rect', options, raw_cameras=traits.raw_cameras)
+
+
+@pytest.fixture(scope='module')
+def types(rows):
+    """By topic its type."""
     return {row.topic: row.msgtype for row in rows} | {STATE: DIAGNOSTICS}
 
 
 @pytest.fixture(scope='module')
-def layout():
-    return json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))
+def layout(kitti):
+    return json.loads((CONFIG / FILES[kitti][0]).read_text(encoding='utf-8'))
 
 
 @pytest.fixture(scope='module')
-def rviz():
-    return yaml.safe_load((CONFIG / 'kitti.rviz').read_text(encoding='utf-8'))
+def rviz(kitti):
+    return yaml.safe_load((CONFIG / FILES[kitti][1]).read_text(encoding='utf-8'))
 
 
 def panels(layout, kind):
@@ -107,7 +134,8 @@ def test_both_cameras_have_overlays_in_their_own_frames(layout, types):
         image, info = (camera['imageMode'][f'{name}Topic'] for name in ('image', 'calibration'))
         assert (types[image], types[info]) == (COMPRESSED, 'sensor_msgs/msg/CameraInfo')
         assert image.startswith(info.removesuffix('camera_info'))
-        assert 'left' in image
+        assert image.startswith(tuple(f'/kitti/{name}/image' for name in WITHOUT_OFFSET))
+        assert ('pinhole' in image) == (ON_REQUEST in camera['foxglovePanelTitle'])
         visible = {types[topic] for topic, each in camera['topics'].items() if each['visible']}
         assert visible == {MARKERS}
         assert all(topic in types for topic in camera['topics'])
@@ -134,9 +162,9 @@ def test_map_plots_and_state(layout, types):
 def test_rviz_shows_what_there_is(rviz, types):
     displays = rviz['Visualization Manager']['Displays']
     kinds = {display['Class'].split('/')[1] for display in displays}
-    assert kinds == {'Grid', 'TF', *RVIZ_SHOWS}
+    assert kinds | {'Camera'} == {'Grid', 'TF', *RVIZ_SHOWS}
     for display in displays:
-        assert display['Enabled']
+        assert display['Enabled'] == (ON_REQUEST not in display['Name'])
         kind = display['Class'].split('/')[1]
         if kind in RVIZ_SHOWS:
             assert types[display['Topic']['Value']] == RVIZ_SHOWS[kind]
@@ -146,40 +174,59 @@ def test_rviz_shows_what_there_is(rviz, types):
     assert cloud['Channel Name'] == 'intensity'
 
 
-def test_rviz_asks_for_what_is_latched(rviz):
+def test_cameras_of_rviz_have_a_camera_info_that_it_can_use(rviz, types):
+    """RViz takes camera_info beside the image, and projects by P of any model."""
+    for display in rviz['Visualization Manager']['Displays']:
+        if display['Class'].endswith('Camera'):
+            image = display['Topic']['Value']
+            camera, _, name = image.rpartition('/')
+            assert types[f'{camera}/camera_info'] == 'sensor_msgs/msg/CameraInfo'
+            assert name == 'image_rect'
+            assert ('pinhole' in image) == (ON_REQUEST in display['Name'])
+
+
+def test_rviz_asks_for_what_is_latched(rviz, rows):
     """A path that is sent once comes to whom asks for transient local, and to nobody else."""
     asked = {
         display['Topic']['Value']: display['Topic']['Durability Policy']
         for display in rviz['Visualization Manager']['Displays']
         if 'Topic' in display
     }
-    rows = make_table(CAMERA_NAMES, 'image_rect', MessageOptions(images=Images.BOTH))
     latched = {row.topic for row in rows if row.latched}
     for topic, durability in asked.items():
         assert durability == ('Transient Local' if topic in latched else 'Volatile')
 
 
 @pytest.fixture(params=['a folder', 'a bag of to-bag'])
-def published(request, recordings, tmp_path):
-    """By topic its type, of a drive with predictions, and of the bag that to-bag makes of it."""
-    source, predictions = recordings[Layout.RAW], {}
+def published(request, kitti, rows, recordings, tmp_path):
+    """By topic its type, of a drive with predictions, and of the bag that to-bag makes of it.
+
+    Topics of packets and labels are taken as published where the synthetic drive has none.
+    """
+    source, given = recordings[kitti], {}
+    if kitti.traits.raw_cameras:
+        source = fisheye_drive.add_fisheyes(source, tmp_path / 'set')
+        given = {'fisheye': 'pinhole'}
+    streams = {Stream.OXTS, Stream.LABELS} - {*open_recording(source).streams}
     results = str(write_results(tmp_path / 'results', {number: [] for number in range(5)}))
     if request.param == 'a folder':
-        predictions = {'predictions': results}
+        given |= {'predictions': results}
     else:
         words = ['to-bag', str(source), str(tmp_path / 'drive_0005'), '--predictions', results]
+        words += [word for name, value in given.items() for word in (f'--{name}', value)]
         assert main([*words, '-q']) == 0
         source = tmp_path / 'drive_0005'
     values = yaml.safe_load((CONFIG / 'player.yaml').read_text('utf-8'))
     values = values['kitti_player']['ros__parameters']
-    given = {
+    of_file = {
         name: value
         for name, value in values.items()
         if name not in ('source', 'position', 'burst') and value not in ('', [''])
     }
-    settings = make_play_settings(given | predictions)
+    settings = make_play_settings(of_file | given)
     program = open_program(source, settings, reserved_by_node('/kitti_player', settings))
-    return {each.topic: each.msgtype for each in program.channels} | {STATE: DIAGNOSTICS}
+    lacking = {row.topic: row.msgtype for row in rows if row.stream in streams}
+    return lacking | {each.topic: each.msgtype for each in program.channels} | {STATE: DIAGNOSTICS}
 
 
 def test_what_rviz_shows_is_published(rviz, published):
@@ -194,8 +241,8 @@ def test_what_rviz_shows_is_published(rviz, published):
     }
 
 
-def test_what_foxglove_shows_is_published(published):
-    text = (CONFIG / 'foxglove.json').read_text('utf-8')
+def test_what_foxglove_shows_is_published(kitti, published):
+    text = (CONFIG / FILES[kitti][0]).read_text('utf-8')
     shown = set(re.findall(r'"(/kitti[\w/]*)', text))
     on_request = {topic for topic in shown if topic.endswith('annotations')}
     assert len(shown - on_request) >= 8

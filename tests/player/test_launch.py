@@ -173,7 +173,7 @@ def params_file(request, tmp_path):
 
 def test_every_argument_is_tried(launch):
     configurations = launch().context.launch_configurations
-    assert set(configurations) == {*ARGUMENTS, 'params_file', 'rviz'}
+    assert set(configurations) == {*ARGUMENTS, 'params_file', 'rviz', 'rviz_config'}
 
 
 def test_the_file_wins_over_the_defaults(launch, params_file, tmp_path):

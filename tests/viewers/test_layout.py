@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""config/foxglove.json against the panels of the SDK, which know every setting by name."""
+"""The layouts of config/ against the panels of the SDK, which know every setting by name."""
 
 import dataclasses
 import json
@@ -21,7 +21,10 @@ PANELS = {
     'DiagnosticSummary': layouts.DiagnosticsSummaryConfig,
     'Table': layouts.TableConfig,
 }
-LAYOUT = json.loads((CONFIG / 'foxglove.json').read_text(encoding='utf-8'))['configById']
+LAYOUT, OF_360 = (
+    json.loads((CONFIG / f'{name}.json').read_text(encoding='utf-8'))['configById']
+    for name in ('foxglove', 'foxglove_kitti360')
+)
 SCENE = LAYOUT['3D!scene']
 TITLE = {'foxglovePanelTitle'}
 """In an exported layout part of each panel's configuration."""
@@ -37,9 +40,9 @@ def settings(kind):
     return set(kind(**required)._to_dict())
 
 
-@pytest.mark.parametrize('name', LAYOUT)
+@pytest.mark.parametrize('name', {**LAYOUT, **OF_360})
 def test_each_setting_of_a_panel_exists(name):
-    assert set(LAYOUT[name]) <= settings(PANELS[name.split('!')[0]]) | TITLE
+    assert set({**LAYOUT, **OF_360}[name]) <= settings(PANELS[name.split('!')[0]]) | TITLE
 
 
 @pytest.mark.parametrize(
@@ -53,6 +56,7 @@ def test_each_setting_of_a_panel_exists(name):
         (SCENE['topics']['/kitti/labels/markers'], layouts.BaseRendererRosMarkerTopicSettings),
         (SCENE['topics']['/kitti/ground_truth/path'], layouts.BaseRendererPosesTopicSettings),
         (LAYOUT['Image!color_left']['imageMode'], layouts.ImageModeConfig),
+        (OF_360['Image!camera_2']['imageMode'], layouts.ImageModeConfig),
         (LAYOUT['map!fix']['topicConfig']['/kitti/oxts/fix'], layouts.MapTopicSettings),
         (LAYOUT['Plot!acceleration']['paths'][0], layouts.PlotSeries),
     ],
