@@ -116,13 +116,16 @@ def _topics_of_folder(path: Path, params: Mapping[str, Any]) -> Iterable[str]:
     from ..messages.naming import naming_of
     from ..messages.topics import make_table
     from ..model.streams import Stream
-    from ..options.messages import Images, MessageOptions, Preset
+    from ..options.messages import Fisheye, Images, MessageOptions, Preset
     from ..options.stack_names import StackName
 
     recording = open_recording(path, _reading(params), scans=False)
     preset = Preset(params.get('preset') or Preset.DEFAULT)
     stack = StackName(params['stack']) if params.get('stack') else None
-    options = MessageOptions(images=Images.BOTH, preset=preset, stack=stack, covariances=True)
+    fisheye = Fisheye(params.get('fisheye') or Fisheye.RAW)
+    options = MessageOptions(
+        images=Images.BOTH, preset=preset, stack=stack, fisheye=fisheye, covariances=True
+    )
     image = naming_of(options).image_topic(recording.layout, recording.image_topic)
     raw = recording.layout.traits.raw_cameras
     table = make_table(recording.cameras, image, options, raw_cameras=raw)

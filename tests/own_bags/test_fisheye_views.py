@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 
 import cv2
 import fisheye_drive
@@ -16,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 import kitti_ros2
 from kitti_ros2.bags.reader import open_messages
 from kitti_ros2.cli import main
+from kitti_ros2.cli.completion import VARIABLE
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.messages.topics import view_topics
 from kitti_ros2.model.errors import UsageError
@@ -32,6 +36,7 @@ BAGS = ('bag.mcap', 'bag', 'bag.bag')
 VIEW = '/kitti/camera_{}/pinhole/{}'
 FRAME = 'camera_{}_optical_frame'
 PINHOLE = ('--fisheye', 'pinhole')
+RUN = 'import sys; sys.argv[0] = "kitti-ros2"; from kitti_ros2.cli import main; sys.exit(main())'
 
 
 @pytest.fixture(scope='module')
@@ -213,3 +218,13 @@ def test_no_other_layout_takes_a_view_for_a_camera(bag, tmp_path, capsys, layout
 def test_rerun_alone_takes_the_option_of_view(fisheyes, capsys):
     assert main(['view', str(fisheyes), '-o', 'x.png', *PINHOLE]) == 2
     assert '--fisheye go with --rerun' in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(('words', 'offered'), [(PINHOLE, True), ((), False)])
+def test_completion_offers_the_topics_that_the_option_makes(fisheyes, words, offered):
+    line = ' '.join(['kitti-ros2 to-bag', str(fisheyes), 'o.mcap', *words, '--topics '])
+    asked = {VARIABLE: 'complete_zsh', '_TYPER_COMPLETE_ARGS': line}
+    run = {'env': {**os.environ, **asked}, 'text': True, 'capture_output': True}
+    shown = subprocess.run([sys.executable, '-c', RUN], check=True, **run).stdout
+    assert '"/kitti/camera_2/camera_info"' in shown
+    assert ('"/kitti/camera_2/pinhole/camera_info"' in shown) == offered
