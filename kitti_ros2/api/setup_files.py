@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_folder
 from ..files.local_staging import Staging
-from ..files.output_rules import keep_all, keep_all_but_files
+from ..files.output_rules import keep_all_but_files, refusal_of
 from ..files.remote import as_path
 from ..files.staging import staged_file
 from ..kitti.extract_oxts import add_extract
@@ -332,7 +332,7 @@ def write_setup(
     play = play_words(stack, str(drive.resolve()), _absolute(source))
     texts = parameter_texts(stack, facts, drive)
     texts[f'{stack.name}.launch.py'] = launch_text(stack, play, [*texts])
-    refusal = _OWN_FILES if overwrite else keep_all
+    refusal = refusal_of(_OWN_FILES, overwrite=overwrite)
     for name in texts:
         Staging(folder / name, refusal).discard()  # an error comes before the first write
     for name, text in texts.items():

@@ -24,7 +24,7 @@ from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from ..files.local_staging import Staging, output_error
-from ..files.output_rules import keep_all, keep_all_but_bags
+from ..files.output_rules import keep_all_but_bags, refusal_of
 from ..files.remote import is_remote
 from ..files.staging import open_staging
 from ..files.threads import DeferredSignals, worker_count
@@ -180,7 +180,7 @@ class BagWriter:
         self._failure: OutputError | None = None
         if context.options.keep_partial and is_remote(path):
             raise UsageError(f'{path}: --keep-partial keeps local bags only; leave it out')
-        refusal = keep_all_but_bags if context.options.overwrite else keep_all
+        refusal = refusal_of(keep_all_but_bags, overwrite=context.options.overwrite)
         self._staging = open_staging(path, refusal, fsync=context.options.fsync)
         self.path = self._staging.path
         try:

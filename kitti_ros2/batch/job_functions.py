@@ -19,8 +19,8 @@ from ..files.output_rules import (
     KEEP_ALL_BUT_JSON,
     KEEP_ALL_BUT_PAGES,
     json_text,
-    keep_all,
     losses_json,
+    refusal_of,
 )
 from ..files.staging import staged_file
 from ..model.bag_formats import CONTAINERS
@@ -85,7 +85,7 @@ def write_job_json(task: JobTask, values: object) -> None:
     Raises:
         OutputError: It exists and may not be replaced, or the disk refuses.
     """
-    refusal = KEEP_ALL_BUT_JSON if task.options.get('overwrite') else keep_all
+    refusal = refusal_of(KEEP_ALL_BUT_JSON, overwrite=bool(task.options.get('overwrite')))
     with staged_file(task.out, refusal) as path:
         path.write_text(json_text(values), 'utf-8')
 
@@ -211,7 +211,7 @@ def run_report_job(task: JobTask, advance: Advance) -> JobResult:
     job = task.job
     read = make_settings({n: v for n, v in task.options.items() if n != 'overwrite'}).read
     report = gather(job.source, replace(read, layout=job.layout, sequence=job.sequence), advance)
-    refusal = KEEP_ALL_BUT_PAGES if task.options.get('overwrite') else keep_all
+    refusal = refusal_of(KEEP_ALL_BUT_PAGES, overwrite=bool(task.options.get('overwrite')))
     with staged_file(task.out, refusal) as path:
         size = path.write_bytes(make_page(report).encode())
     losses = [issue for issue in report.issues if issue.is_loss]

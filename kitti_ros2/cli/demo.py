@@ -58,24 +58,27 @@ def demo(
       kitti-ros2 demo street --layout tracking --count 100
     """
     from ..files.local_staging import refuse_link
+    from ..files.output_rules import keep_all_but_bags, refusal_of
     from ..files.staging import staged
     from ..kitti.opening import keep_all_but_data_sets
     from ..options.read import ReadOptions
     from ..options.table import make_settings
+    from ..pictures.series import keep_all_but_pictures
     from ..synthetic import SyntheticOptions, write_synthetic
 
     kind = make_settings({'layout': layout}).read.layout
     options = SyntheticOptions(frames=frames, seed=seed)
     recording, bag, picture = out / 'kitti', out / 'bag', out / 'panel.png'
     refuse_link(out)
-    for path in (recording, bag, picture):
-        if path.exists() and not overwrite:
-            raise OutputExistsError(path, 'name another folder, or pass --overwrite')
+    rules = keep_all_but_data_sets(1), keep_all_but_bags, keep_all_but_pictures
+    refusals = [refusal_of(keep, overwrite=overwrite) for keep in rules]
+    for path, refusal in zip((recording, bag, picture), refusals, strict=True):
+        if path.exists() and (advice := refusal(path)):
+            raise OutputExistsError(path, advice)
     if kind is None:
         raise AssertionError('a given layout is never None')
     making = step_progress('making the street', frames, show=not quiet)
-    refusal = keep_all_but_data_sets(1) if overwrite else None
-    with making as progress, staged(recording, refusal) as stage:
+    with making as progress, staged(recording, refusals[0]) as stage:
         recording_folder = write_synthetic(stage, kind, options, progress=progress)
         inside = os.path.relpath(recording_folder, os.path.realpath(stage))
     source = recording / inside

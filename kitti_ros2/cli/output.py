@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..files.output_rules import json_text, keep_all, keep_all_but_files, losses_json
+from ..files.output_rules import json_text, keep_all_but_files, losses_json, refusal_of
 from ..model.errors import UsageError, either, one_line
 from .exits import EXIT_LOSSES, EXIT_OK
 
@@ -200,7 +200,7 @@ def is_picture(out: Path) -> bool:
 def check_output(
     out: Path | None,
     paths: Sequence[Path],
-    replaceable: Callable[[Path], str | None],
+    keep: Callable[[Path], str | None],
     *,
     overwrite: bool,
 ) -> Callable[[Path], str | None]:
@@ -208,7 +208,7 @@ def check_output(
     from ..files.local_staging import Staging
     from ..files.staging import refuse_inside
 
-    refusal = replaceable if overwrite else keep_all
+    refusal = refusal_of(keep, overwrite=overwrite)
     if out is not None:
         for path in paths:
             refuse_inside(path, out)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.output_rules import KEEP_ALL_BUT_PAGES, keep_all
+from ..files.output_rules import KEEP_ALL_BUT_PAGES, refusal_of
 from ..files.processes import freeze_imports
 from ..model.errors import UsageError, format_bytes, format_count
 from ..options.evaluation import DetectionOptions
@@ -130,7 +130,7 @@ def report(
     options = make_settings(given).read
     if out.suffix.lower() not in ENDINGS:
         raise UsageError(f'{out}: a report is an HTML page; expected a name that ends in .html')
-    refusal = KEEP_ALL_BUT_PAGES if overwrite else keep_all
+    refusal = refusal_of(KEEP_ALL_BUT_PAGES, overwrite=overwrite)
     Staging(out, refusal).discard()  # raises now for what could not be written later
     with step_progress('reading', show=not quiet) as progress:
         scores = None if results is None else _score(src, results, options)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Optional
 
 import typer
 
-from ..files.output_rules import keep_all, losses_json
+from ..files.output_rules import losses_json, refusal_of
 from ..files.processes import freeze_imports
 from ..model.errors import UsageError, format_bytes, format_count, one_line
 from ..model.streams import Stream
@@ -259,7 +259,7 @@ def prepare_plan(
         if request.preview is not None:
             from ..pictures.series import keep_all_but_pictures
 
-            refusal = keep_all_but_pictures if request.options.overwrite else keep_all
+            refusal = refusal_of(keep_all_but_pictures, overwrite=request.options.overwrite)
             # Entered first: an existing file is refused before bags are read.
             picture_path = exit_stack.enter_context(staged_file(request.preview, refusal))
         proposal = propose_plan(bags, request.options, request.plan_file, any_layout=any_layout)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 
-from ..files.output_rules import keep_all, keep_all_but_files
+from ..files.output_rules import keep_all_but_files, refusal_of
 from ..files.processes import freeze_imports
 from ..model.errors import (
     UsageError,
@@ -252,7 +252,7 @@ def _write(
     from ..files.staging import staged, staged_file
     from ..pictures.series import FILMS, PICTURES, Movie, keep_all_but_pictures, write_picture
 
-    refusal = keep_all_but_pictures if overwrite else keep_all
+    refusal = refusal_of(keep_all_but_pictures, overwrite=overwrite)
     if out.suffix.lower() in PICTURES:
         with staged_file(out, refusal) as path:
             for _, picture in pictures:
@@ -337,7 +337,7 @@ def _save(program: Program, path: Path, *, overwrite: bool, quiet: bool) -> Show
     from ..files.staging import staged_file
     from ..viewers.rerun_viewer import write_file
 
-    refusal = _KEEP_ALL_BUT_RRD if overwrite else keep_all
+    refusal = refusal_of(_KEEP_ALL_BUT_RRD, overwrite=overwrite)
     with staged_file(path, refusal) as file, _progress(program, quiet=quiet) as progress:
         report = write_file(program, file, progress)
         size_bytes = file.stat().st_size

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..bags.open_source import open_folders
 from ..files.local_files import FileLinker
+from ..files.output_rules import refusal_of
 from ..files.remote import as_path, is_remote
 from ..files.staging import lies_inside, refuse_inside, staged
 from ..files.threads import ordered_map, worker_count
@@ -288,7 +289,7 @@ def crop_sets(
     jobs = [RecordingCrop(recording, options, linker) for recording in recordings]
     if not any(map(len, jobs)):
         raise MissingDataError(f'{src}: no scans; crop cuts the .bin files of a KITTI folder')
-    refusal = keep_all_but_data_sets(len(jobs)) if options.overwrite else None
+    refusal = refusal_of(keep_all_but_data_sets(len(jobs)), overwrite=options.overwrite)
     with staged(out, refusal, fsync=options.fsync) as root:
         _run(jobs, root, progress)
         losses = tuple(loss for job in jobs for loss in job.losses)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from ..model.errors import Loss
 
+    Refusal = Callable[[Path], str | None]
+
 
 # Values as JSON text.
 
@@ -65,12 +67,18 @@ def keep_all_but_bags(path: Path) -> str | None:
     return None if _looks_like_bag(path) else _NO_BAG
 
 
-def keep_all(path: Path) -> str | None:  # noqa: ARG001 - one form for all
-    """Return why a path is not replaced, whatever it is."""
-    return 'choose another name, or pass --overwrite'
+def refusal_of(keep: Refusal, *, overwrite: bool) -> Refusal:
+    """Return a refusal for Staging; without --overwrite it names that option where it helps.
+
+    Args:
+        keep: Returns why --overwrite does not replace a path, None if it does.
+        overwrite: Whether it is given.
+    """
+    advice = None if overwrite else 'choose another name, or pass --overwrite'
+    return lambda path: keep(path) or advice
 
 
-def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Callable[[Path], str | None]:
+def keep_all_but_files(what: str, beginnings: Collection[bytes]) -> Refusal:
     """Return a refusal for Staging that lets only files of one kind be replaced.
 
     Args:

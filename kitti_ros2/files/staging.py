@@ -67,7 +67,7 @@ def staged(
 
     Args:
         out: The data set: absent, an empty folder, or one that the refusal lets be replaced.
-        refusal: As in Staging; None: all are kept.
+        refusal: As in Staging; None: all are kept, and no option replaces them.
         fsync: As in Staging.
 
     Raises:
@@ -99,7 +99,7 @@ def _is_empty(path: Path) -> bool:
 
 
 def _keep_content(path: Path) -> str | None:  # noqa: ARG001 - one form for all
-    return 'choose another name, an empty folder, or pass --overwrite'
+    return 'choose another name, or an empty folder'
 
 
 def lies_inside(out: Path, source: Path) -> bool:

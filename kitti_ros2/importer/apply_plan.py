@@ -14,6 +14,7 @@ import numpy as np
 
 from ..bags.bag_files import path_of
 from ..files.local_files import FileLinker
+from ..files.output_rules import refusal_of
 from ..files.staging import staged
 from ..kitti import names
 from ..kitti.append import appended
@@ -412,7 +413,7 @@ def convert(
     if not plan.camera_sets:
         return [convert_by_plan(bags, plan, survey, out, options, progress)]
     folders = [folder_of(plan, name) for name in plans_of(plan)]
-    refusal = keep_all_but_camera_sets(folders) if options.overwrite else None
+    refusal = refusal_of(keep_all_but_camera_sets(folders), overwrite=options.overwrite)
     with staged(out, refusal, fsync=options.fsync) as stage:
         return build_sets(bags, plan, survey, stage, options, progress)
 
@@ -446,7 +447,7 @@ def convert_by_plan(
         with appended(out, plan.name, fsync=options.fsync) as added:
             report = build(bags, plan, survey, Target(added.stage, added.first), options, progress)
         return replace(report, notes=(*added.notes, *report.notes))
-    refusal = keep_all_but_data_sets(1) if options.overwrite else None
+    refusal = refusal_of(keep_all_but_data_sets(1), overwrite=options.overwrite)
     with staged(out, refusal, fsync=options.fsync) as stage:
         return build(bags, plan, survey, Target(stage), options, progress)
 

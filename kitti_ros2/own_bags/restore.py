@@ -17,6 +17,7 @@ from ..bags.bag_files import opened, path_of
 from ..bags.reader import Decoder, bag_stamps, open_messages
 from ..files.image_files import JPEG_SIGNATURE
 from ..files.local_files import crc32
+from ..files.output_rules import refusal_of
 from ..files.staging import staged
 from ..files.threads import ordered_map, worker_count
 from ..importer.kitti_frames import ImportReport, with_indices
@@ -228,7 +229,7 @@ def restore(
         if other is not path:
             name = source_files.name
             raise UsageError(f'{path}: holds {name}, as {other} does; give one of them')
-    refusal = keep_all_but_data_sets(len(recordings)) if overwrite else None
+    refusal = refusal_of(keep_all_but_data_sets(len(recordings)), overwrite=overwrite)
     with staged(out, refusal, fsync=fsync) as stage:
         forms = _Forms(png, snap)
         return [_restore(bag, files, stage, forms, progress) for bag, files in recordings]
