@@ -383,7 +383,10 @@ class Kitti360Recording(KittiRecording):
             camera = pose @ imu_t_rect
             apart = np.abs(camera.matrix()[:3] - matrix)
             if not (apart[:, 3].max() < _SAME_M and apart[:, :3].max() < _SAME_ROTATION):
-                yield f'{where}: frame {number} is {apart[:, 3].max():.3f} m from {POSES}'
+                turn = Transform.from_matrix(matrix).rotation.T @ camera.rotation
+                degrees = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+                metres = np.linalg.norm(apart[:, 3])
+                yield f'{where}: frame {number} is {metres:.3f} m, {degrees:.3f} deg from {POSES}'
 
     def path(self, stream: Stream, number: int) -> Path:
         """Return the file that a sample is read from."""

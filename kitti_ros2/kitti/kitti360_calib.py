@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.errors import BadFileError
-from ..model.geometry import NOMINAL_VELO_T_IMU, Transform
+from ..model.geometry import NOMINAL_CAM_T_VELO_360, NOMINAL_VELO_T_IMU, Transform
 from ..model.lenses import MeiLens
 from ..model.samples import Calibration, CameraCalibration, TextFile, rectified_offset
 from .calib_file import CalibTable, FolderParts, parse_raw_camera
@@ -72,6 +72,7 @@ def parse_kitti360_calibration(
         if camera is not None:
             cameras[index] = camera
     imu_t_cam0 = imu_t_cams[0]
+    mounts = {}
     for index in filter(FISHEYES.get, imu_t_cams):
         imu_t_cam = imu_t_cams[index]
         if imu_t_cam and not (imu_t_cam0 and velo_t_cam0):
@@ -79,7 +80,9 @@ def parse_kitti360_calibration(
         elif imu_t_cam and imu_t_cam0 and velo_t_cam0:
             cam_t_velo = imu_t_cam.inverse() @ imu_t_cam0 @ velo_t_cam0.inverse()
             camera = files.read(f'P{index}', partial(files.fisheye, index, cam_t_velo), '')
-            if camera is not None:
+            if camera is None:
+                mounts[index] = cam_t_velo
+            else:
                 cameras[index] = camera
     velo_t_imu = (
         velo_t_cam0 @ imu_t_cam0.inverse() @ UPRIGHT if velo_t_cam0 and imu_t_cam0 else None
@@ -95,6 +98,8 @@ def parse_kitti360_calibration(
         missing={part: reason for part, reason in files.missing.items() if reason},
         files=tuple(TextFile(name, text) for name, text in texts.items()),
         velo_T_sick=velo_t_sick,
+        mounts=mounts,
+        nominal_mounts=NOMINAL_CAM_T_VELO_360,
     )
 
 

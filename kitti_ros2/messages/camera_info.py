@@ -326,7 +326,8 @@ def with_nominal_mounts(
         nominal.append('r0_rect')
     filled = replace(
         calibration,
-        cam0_T_velo=calibration.cam0_T_velo or NOMINAL_CAM0_T_VELO,
+        cam0_T_velo=calibration.cam0_T_velo
+        or calibration.nominal_mounts.get(0, NOMINAL_CAM0_T_VELO),
         r0_rect=np.eye(3) if calibration.r0_rect is None else calibration.r0_rect,
         nominal=(*calibration.nominal, *nominal),
     )
@@ -347,14 +348,17 @@ def _has_pose(calibration: Calibration, index: int) -> bool:
 def _with_cameras(calibration: Calibration, missing: list[int]) -> Calibration:
     cameras = dict(calibration.cameras)
     for index in missing:
-        own = NOMINAL_CAM0_T_VELO if calibration.is_independent(index) else None
+        own = calibration.mounts.get(index, calibration.nominal_mounts.get(index))
+        if own is None and calibration.is_independent(index):
+            own = NOMINAL_CAM0_T_VELO
         offset = np.array([-NOMINAL_CAM0_X_M.get(index, 0.0), 0.0, 0.0])
         cameras[index] = CameraCalibration(
             np.column_stack([np.eye(3), offset]),
             cam_T_cam0=Transform.from_translation(offset),
             cam_T_velo=own,
         )
-    names = tuple(f'the mount of camera {index}' for index in missing)
+    nominal = [index for index in missing if index not in calibration.mounts]
+    names = tuple(f'the mount of camera {index}' for index in nominal)
     return replace(calibration, cameras=cameras, nominal=(*calibration.nominal, *names))
 
 

@@ -197,5 +197,12 @@ NOMINAL_CAM0_T_VELO = Transform(
 )
 """velo_link in camera 0."""
 
+NOMINAL_CAM_T_VELO_360 = {
+    0: Transform(NOMINAL_CAM0_T_VELO.rotation, np.array([0.30, -0.18, -0.80])),
+    2: Transform(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0.05, 0.23, -0.45])),
+    3: Transform(np.array([[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]]), np.array([-0.07, 0.24, -0.45])),
+}
+"""velo_link in the cameras of KITTI-360: camera 0, the fisheyes to the left and to the right."""
+
 NOMINAL_CAM0_X_M = {0: 0.0, 1: 0.54, 2: -0.06, 3: 0.47}
 """Metres from camera 0 to the right, by camera index."""

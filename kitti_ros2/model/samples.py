@@ -321,6 +321,8 @@ class Calibration:
         files: Its files, verbatim.
         notes: Remarks on the files that cost no data, a line each.
         velo_T_sick: sick_link to velo_link; None on a rig without this scanner.
+        mounts: cam_T_velo of cameras that have no other valid numbers.
+        nominal_mounts: The same where the files have none, unlike KITTI's.
     """
 
     cameras: Mapping[int, CameraCalibration]
@@ -333,6 +335,8 @@ class Calibration:
     files: tuple[TextFile, ...] = ()
     notes: tuple[str, ...] = ()
     velo_T_sick: Transform | None = None
+    mounts: Mapping[int, Transform] = field(default_factory=dict)
+    nominal_mounts: Mapping[int, Transform] = field(default_factory=dict)
 
     @property
     def independent_cameras(self) -> bool:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -104,9 +105,12 @@ def calibration_of(recording: KittiRecording) -> CalibrationSummary:
         cameras.append(_camera_summary(f'camera_{rig.frames.cameras.get(index, index)}', info))
     mounted = with_nominal_mounts(calibration, rig.cameras)
     links = static_links(mounted, rig.base_t_imu, rig.frames)
-    notes = tuple(
-        reason for part, reason in calibration.missing.items() if not part.startswith('P')
-    )
+    of_streams = {f'P{stream.camera}' for stream in recording.streams if stream.camera is not None}
+    notes = tuple(dict.fromkeys(
+        reason
+        for part, reason in calibration.missing.items()
+        if part in of_streams or not re.fullmatch(r'P\d+', part)
+    ))  # fmt: skip
     nominal = tuple(f'{part} is nominal, not in the calibration' for part in mounted.nominal)
     return tuple(cameras), _link_summaries(links), notes + calibration.notes + nominal
 

@@ -25,6 +25,7 @@ from kitti_ros2.kitti.kitti360_calib import (
 from kitti_ros2.kitti.names import KITTI_360_CALIB
 from kitti_ros2.kitti.opening import guess_layout, open_recording, open_recordings
 from kitti_ros2.kitti.text_file import parse_timestamps
+from kitti_ros2.messages.camera_info import with_nominal_mounts
 from kitti_ros2.messages.scan import rings
 from kitti_ros2.model.lenses import MeiLens
 from kitti_ros2.model.streams import Clock, Layout, Stream
@@ -358,6 +359,37 @@ def test_what_a_calibration_lacks_is_named(set_of_links, tmp_path, name, old, ne
         path.write_text(text.replace(old, new))
     missing = open_recording(root, ReadOptions(sequence='0003')).calibration(0).missing
     assert any(reason in each for each in missing.values()), missing
+
+
+MOUNTS = {2: [-0.05, 0.45, 0.23], 3: [-0.07, -0.45, 0.24]}
+
+
+@pytest.mark.parametrize('missing', ['', 'image_0*.yaml', '*'])
+def test_a_fisheye_without_a_model_looks_to_its_side(set_of_links, tmp_path, capsys, missing):
+    """Its mount is in another file; without that the nominal one is KITTI-360's."""
+    root = tmp_path / 'set'
+    shutil.copytree(set_of_links, root)
+    for path in (root / 'calibration').glob(missing) if missing else ():
+        path.unlink()
+    recording = open_recording(root, ReadOptions(sequence='0003'))
+    calibration = recording.calibration(0)
+    mounted = with_nominal_mounts(calibration, {0, 1, 2, 3})
+    for index, place in MOUNTS.items():
+        velo_t_camera = mounted.cameras[index].cam_T_velo.inverse()
+        np.testing.assert_allclose(velo_t_camera.translation, place, atol=0.01)
+        side = velo_t_camera.rotation @ [0, 0, 1]
+        np.testing.assert_allclose(side, [0, 1 if index == 2 else -1, 0], atol=0.05)
+    np.testing.assert_allclose(
+        mounted.cam0_T_velo.inverse().translation, [0.8, 0.3, -0.18], atol=0.01
+    )
+    nominal = [part for part in mounted.nominal if part.startswith('the mount of camera')]
+    assert len(nominal) == (3 if missing == '*' else 0)
+    assert main(['info', str(root), '--sequence', '3']) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == len(set(said))
+    assert any('image_02.yaml: no such file' in line for line in said) is (
+        missing == 'image_0*.yaml'
+    )
 
 
 def test_lines_of_poses():
