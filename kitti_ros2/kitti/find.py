@@ -333,8 +333,10 @@ def _(recording: TrackingRecording) -> RecordingTree:
 def _(recording: Kitti360Recording) -> RecordingTree:
     root, name = recording.root, recording.name
     of_drive = [root / part / name for part in names.KITTI_360_PARTS]
-    folders = [*of_drive, root / names.KITTI_360_CALIBRATION]
-    parts = tuple((path, _below_root(path, root)) for path in folders if path.is_dir())
+    shared = root / names.KITTI_360_CALIBRATION
+    calibration = [shared / file for file in STORE.names(shared) if (shared / file).is_file()]
+    paths = [*(path for path in of_drive if path.is_dir()), *calibration]
+    parts = tuple((path, _below_root(path, root)) for path in paths)
     parts += tuple((text, _below_root(text, root)) for text in recording.text_paths()
                    if text.parts[len(root.parts)] == names.KITTI_360_BOXES)  # fmt: skip
     drive = root / names.KITTI_360_PARTS[1] / name

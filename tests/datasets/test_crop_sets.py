@@ -209,6 +209,16 @@ def test_all_drives_are_cut_or_the_chosen_one(drives, tmp_path):
     assert one == {name: data for name, data in both.items() if 'drive_0001' not in name}
 
 
+def test_drives_that_share_a_folder_of_calibration_are_cut(recordings, tmp_path):
+    root = tmp_path / 'set'
+    shutil.copytree(recordings[Layout.KITTI_360], root)
+    for drive in sorted(root.glob('data_*/*')):
+        shutil.copytree(drive, drive.with_name('2013_05_28_drive_0007_sync'))
+    report = cut(root, tmp_path / 'all', box=AHEAD)
+    assert [parse_drive(each.name)[1] for each in report.recordings] == [0, 7]
+    assert files(tmp_path / 'all').keys() == files(root).keys()
+
+
 def test_both_splits_are_cut_and_lists_are_kept(recordings, tmp_path):
     root = tmp_path / 'object'
     shutil.copytree(recordings[Layout.OBJECT], root)
