@@ -496,6 +496,9 @@ class Recording(Sequence[Frame]):
     def __getitem__(self, index: int | slice) -> Frame | Recording:
         if isinstance(index, slice):
             return Recording(self._source, np.sort(self._numbers[index]))
+        if not -len(self) <= index < len(self):
+            numbered = f'; frame({index}) takes file numbers' if index in self._numbers else ''
+            raise IndexError(f'{index}: {self.name} has {len(self)} frames{numbered}')
         return Frame(self._source, int(self._numbers[index]))
 
     def frame(self, number: int) -> Frame:

@@ -89,8 +89,11 @@ def test_frames_are_addressed_by_position_and_by_number(holed):
     assert [frame.number for frame in recording[1:3]] == numbers[1:3]
     assert [frame.number for frame in recording[::-2]] == sorted(numbers[::-2])
     assert recording[1:3].frame(numbers[2]).number == numbers[2]
-    with pytest.raises(IndexError):
+    with pytest.raises(IndexError, match=f'has {len(numbers)} frames'):
         recording[len(numbers)]
+    if numbers[-1] >= len(numbers):
+        with pytest.raises(IndexError, match=rf'frame\({numbers[-1]}\) takes file numbers'):
+            recording[numbers[-1]]
 
 
 def test_a_frame_that_is_not_there_is_an_error(holed):
