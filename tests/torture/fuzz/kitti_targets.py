@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from kitti_ros2.kitti.calib_file import parse_calibration, parse_raw_calibration
+from kitti_ros2.kitti.kitti360 import parse_kitti360_poses
 from kitti_ros2.kitti.kitti360_boxes import BoxIndex, parse_world_boxes
+from kitti_ros2.kitti.kitti360_calib import format_kitti360_calibration, parse_kitti360_calibration
 from kitti_ros2.kitti.kitti_recording import MercatorWorld, pose_from_odometry, pose_from_packet
 from kitti_ros2.kitti.label_file import (
     TrackFile,
@@ -21,7 +23,7 @@ from kitti_ros2.kitti.label_file import (
     labels_of_tracklets,
     parse_tracklets,
 )
-from kitti_ros2.kitti.names import parse_image_set
+from kitti_ros2.kitti.names import KITTI_360_CALIB, KITTI_360_POSES, parse_image_set
 from kitti_ros2.kitti.object_set import parse_journal, parse_mapping, parse_rand
 from kitti_ros2.kitti.scan_file import parse_point_labels, parse_scan, parse_scan_text
 from kitti_ros2.kitti.store import decode_text
@@ -70,6 +72,26 @@ def _raw_calibration(data: bytes) -> None:
     }
     for rectified in (True, False):
         parse_raw_calibration(texts, PATH.parent, rectified=rectified)
+
+
+def _calibration_360(data: bytes) -> None:
+    """Parse the files, project with the cameras, and format what can be."""
+    parts = zip(KITTI_360_CALIB, parted(data, len(KITTI_360_CALIB)), strict=True)
+    texts = {name: decode_text(part, PATH) for name, part in parts if part}
+    calibration = parse_kitti360_calibration(texts, PATH.parent)
+    for camera in calibration.cameras.values():
+        if camera.lens is not None:
+            camera.lens.rays(camera.lens.bent(_SEEN))
+    with suppress(ValueError):  # without camera 0
+        format_kitti360_calibration(calibration)
+
+
+def _poses_360(data: bytes) -> None:
+    for name, part in zip(KITTI_360_POSES, parted(data, 2), strict=True):
+        lines, numbers = parse_kitti360_poses(decode_text(part, PATH), PATH.with_name(name))
+        for line, matrix in lines.sound().items():
+            assert numbers[line] >= 0
+            Transform.from_matrix(matrix)
 
 
 def _labels(data: bytes) -> None:
@@ -167,6 +189,25 @@ def _mappings() -> list[bytes]:
     return [joined([''.join(lines).encode(), b'2,4,1,3'])]
 
 
+_SEEN = np.array([[1.0, 0.0, 2.0], [3.0, 1.0, -0.1], [0.0, 0.0, -1.0]])
+_FISHEYE = b"""%YAML:1.0
+model_type: MEI
+camera_name: image_02
+image_width: 1400
+image_height: 1400
+mirror_parameters:
+   xi: 2.2
+distortion_parameters:
+   k1: 1.6e-02
+   k2: 1.6
+   p1: 4e-04
+   p2: 2e-04
+projection_parameters:
+   gamma1: 1336
+   gamma2: 1335
+   u0: 716.9
+   v0: 705.7
+"""
 _ODOMETRY = b"""P0: 1 0 0 0 0 1 0 0 0 0 1 0
 P2: 700 0 600 45 0 700 170 -0.3 0 0 1 0.005
 Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0
@@ -208,6 +249,29 @@ def _raw_calibrations() -> list[bytes]:
     return [joined(made), *([joined([each[0] for each in real])] if all(real) else [])]
 
 
+def _calibrations_360() -> list[bytes]:
+    made = [b''.join(files(name, Layout.KITTI_360)) for name in KITTI_360_CALIB]
+    real = [b''.join(samples(f'kitti360/calibration/{name}')) for name in KITTI_360_CALIB]
+    made[3:5] = [_FISHEYE, _FISHEYE.replace(b'_02', b'_03')]
+    return [joined(made), *([joined(real)] if all(real) else [])]
+
+
+def _poses_of_360() -> list[bytes]:
+    drives = ('0000', '0004', '0010')
+    real = [
+        joined(
+            [
+                samples(f'kitti360/data_poses/*_{drive}_sync/{name}', lines=3)[0]
+                for name in KITTI_360_POSES
+            ]
+        )
+        for drive in drives
+        if samples(f'kitti360/data_poses/*_{drive}_sync/*.txt')
+    ]
+    made = [files(name, Layout.KITTI_360)[0] for name in KITTI_360_POSES]
+    return [joined(made), joined([made[0] * 2, made[1]]), *real]
+
+
 TARGETS = (
     Target('calibration', _calibration, _object_calibrations,
            ('kitti/calib_file.py', _TEXT_FILE),
@@ -217,6 +281,12 @@ TARGETS = (
            ('kitti/calib_file.py', _TEXT_FILE),
            (b'K_00:', b'D_02:', b'S_rect_02:', b'P_rect_00:', b'R:', b'T:', SEPARATOR),
            is_text=True, long=_MANY),
+    Target('calibration_360', _calibration_360, _calibrations_360,
+           ('kitti/kitti360_calib.py', 'model/lenses.py', _TEXT_FILE),
+           (b'image_00:', b'R_rect_00:', b'K_00:', b'xi:', b'gamma1:', b'image_width:', b'MEI',
+            SEPARATOR), is_text=True, long=_MANY),
+    Target('poses_360', _poses_360, _poses_of_360, ('kitti/kitti360.py', _TEXT_FILE),
+           (b'0 0 0 1', b'-1', b'99999999999', SEPARATOR), is_text=True, long=_MANY),
     Target('labels', _labels,
            lambda: [*files('label_2/*.txt'), _LABEL,
                     _LABEL.replace(b'4.0', b'-4.0'), *samples('kitti/object/*/label_2/*.txt')],

@@ -40,10 +40,7 @@ _COMPACT = {'clouds': 'compact', 'exclude_topics': ('*image*',)}
 @cache
 def _bags() -> dict[str, list[Stored]]:
     """The messages of bags, by name of layout or options."""
-    made = {
-        each.value: messages_of(own_bag('a.mcap', each))
-        for each in (Layout.OBJECT, Layout.TRACKING, Layout.RAW, Layout.ODOMETRY)
-    }
+    made = {each.value: messages_of(own_bag('a.mcap', each)) for each in Layout}
     for name, (layout, options) in _OPTIONS.items():
         out = place(f'bags/{name}.mcap')
         to_bag(recording(layout), out, overwrite=True, fsync=False, **options)

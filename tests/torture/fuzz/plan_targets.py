@@ -136,7 +136,7 @@ def _plan_applied(data: bytes) -> None:
 @cache
 def _plans() -> list[bytes]:
     path, survey = _bag()
-    options = [ImportOptions(layout=layout) for layout in Layout]
+    options = [ImportOptions(layout=layout) for layout in Layout if layout.traits.from_others]
     options.append(ImportOptions(layout=Layout.OBJECT, all_cameras=True))
     made = [guess([path], survey, each) for each in options]
     return [format_plan(each.plan, each.notes).encode() for each in made]

@@ -30,6 +30,8 @@ FILES = [
     (Layout.TRACKING, 'label_02/*.txt'),
     (Layout.TRACKING, 'oxts/*.txt'),
     (Layout.OBJECT, 'label_2/000003.txt'),
+    (Layout.KITTI_360, 'image_00/timestamps.txt'),
+    (Layout.KITTI_360, 'poses.txt'),
 ]
 
 
