@@ -22,7 +22,7 @@ from ..files.staging import refuse_inside
 from ..kitti.find import absolute
 from ..kitti.label_file import find_frame_files
 from ..kitti.names import SEQUENCE_DIGITS, TRACKING_LABELS, TXT
-from ..kitti.opening import data_set_in, data_sets_at, explain, is_inside, open_recording
+from ..kitti.opening import covered_folders, data_sets_at, data_sets_in, explain, open_recording
 from ..model.errors import (
     KittiRos2Error,
     MissingPathError,
@@ -298,12 +298,11 @@ def recordings_at(root: Path, base: Path, layout: Layout | None, search: FolderS
     jobs: list[Job] = []
 
     def visit(folder: Path, folders: Sequence[str], _: Sequence[str]) -> Sequence[str]:
-        data_set = data_set_in(folder) if folder != top else _data_set_at(top, layout)
-        if data_set is None:
-            return folders
-        if layout in {None, data_set.layout}:
-            jobs.extend(_job(base, data_set, recording) for recording in data_set.recordings)
-        covered = _covered(folder, folders, data_set.recordings)
+        data_sets = data_sets_in(folder) if folder != top else _data_sets_at(top, layout)
+        for data_set in data_sets:
+            if layout in {None, data_set.layout}:
+                jobs.extend(_job(base, data_set, recording) for recording in data_set.recordings)
+        covered = covered_folders(folder, folders, data_sets)
         return [name for name in folders if name not in covered]
 
     search.walk(top, visit)
@@ -351,22 +350,11 @@ def _job(base: Path, data_set: DataSet, candidate: Candidate) -> Job:
     return Job(relative_name(folder, base), folder, data_set.layout)
 
 
-def _data_set_at(root: Path, layout: Layout | None) -> DataSet | None:
+def _data_sets_at(root: Path, layout: Layout | None) -> list[DataSet]:
     try:
-        data_sets = data_sets_at(root, ReadOptions(layout=layout))
+        return data_sets_at(root, ReadOptions(layout=layout))
     except PermissionError:  # for one of its recordings; the others are found in their folders
-        return None
-    return data_sets[0] if data_sets else None
-
-
-def _covered(folder: Path, folders: Sequence[str], recordings: Iterable[Candidate]) -> set[str]:
-    """Return the names of the folders in a folder that belong to recordings there."""
-    names = set()
-    for recording in recordings:
-        if recording.folder is None or recording.folder == folder:
-            return {name for name in folders if is_inside(name)}
-        names.add(recording.folder.relative_to(folder).parts[0])
-    return names
+        return []
 
 
 def _slices(job: Job, frames: int) -> Iterator[Job]:

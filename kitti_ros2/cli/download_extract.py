@@ -56,11 +56,13 @@ def say_extracted(report: ExtractReport) -> None:
 
 def say_data_sets(root: Path) -> None:
     """Print the commands that show the data sets in a folder, if they are few."""
-    from ..kitti.opening import data_sets_below
+    from ..kitti.opening import data_sets_below, data_sets_in
 
-    data_sets, complete = data_sets_below(root)
-    if complete and len(data_sets) <= _MOST_NAMED:
-        for data_set in data_sets:
+    # Without folders of their own: in the folders of KITTI-360 are parts of its drives.
+    whole = [data for data in data_sets_in(root) if data.recordings[0].folder is None]
+    below, complete = data_sets_below(root, whole)
+    if complete and len(whole + below) <= _MOST_NAMED:
+        for data_set in whole + below:
             say(f'next: kitti-ros2 info {shlex.quote(format_path(data_set.folder))}')
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,12 +34,14 @@ def inspect_source(path: Path, options: ReadOptions) -> Overview:
     """Return the overview of a bag, or of a KITTI folder."""
     from ..bags.bag_files import OpenBag
     from ..bags.open_source import open_source
+    from ..kitti.opening import describe_below
     from ..report.overview import inspect_bag, inspect_recording
 
     freeze_imports()
     source = open_source(path, options)
     if not isinstance(source, OpenBag):
-        return inspect_recording(source, path)
+        overview = inspect_recording(source, path)
+        return replace(overview, notes=(*overview.notes, *describe_below(path, options)))
     with source as bag:
         return inspect_bag(bag)[0]
 

@@ -70,7 +70,8 @@ def _print_report(report: ValidationReport, elapsed: float) -> None:
     for source in report.sources[:_SHOWN_SOURCES]:
         noun = 'message' if source.is_bag else 'frame'
         parts = [format_count(source.count, noun), format_count(source.files, 'file')]
-        line = f'{format_path(source.path)}  {source.kind}: {", ".join(parts)}'
+        name = '' if source.name == source.path.name else f' {source.name}'  # of shared folders
+        line = f'{format_path(source.path)}  {source.kind}{name}: {", ".join(parts)}'
         screen.print(one_line(line), style='bold', markup=False)
     if len(report.sources) > _SHOWN_SOURCES:
         screen.print(f'... and {len(report.sources) - _SHOWN_SOURCES} more', markup=False)
@@ -126,9 +127,9 @@ def validate(
 ) -> int:
     """Check every file of KITTI folders and bags.
 
-    All drives, sequences and splits at PATH are checked. Errors (exit code 1) are wrong or
-    unreadable data, warnings suspicious or missing data. Findings have file, line and remedy. With
-    --all: each recording and bag is checked on its own, to OUT/NAME.json, on several processes.
+    All drives, sequences and splits at PATH and below are checked. Errors (exit code 1) are wrong
+    or unreadable data, warnings suspicious or missing data. Findings have file, line and remedy.
+    With --all: each recording and bag on its own, to OUT/NAME.json, on several processes.
 
     Examples:
       kitti-ros2 validate object

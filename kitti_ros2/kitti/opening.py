@@ -7,7 +7,8 @@ from __future__ import annotations
 import os
 import shlex
 from collections import Counter, deque
-from itertools import islice
+from contextlib import suppress
+from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -35,7 +36,7 @@ from .prepare import CHANGES_NOTHING, prepare_motion, prepare_stereo
 from .store import STORE, cached_listings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
     from pathlib import PurePath
 
     from .find import Candidate
@@ -166,18 +167,22 @@ def _idle_times(recording: KittiRecording) -> Iterator[str]:
 
 
 def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
-    """Find the data sets at a path, else those in its sub-folders; options choose among them.
+    """Find the data sets at a path and in its sub-folders; options choose one at the path.
 
     Raises:
         NotKittiError: There is no recording.
-        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        AmbiguousLayoutError: The same files fit several layouts and the options contain none.
         UsageError: The chosen recording does not exist, or not all sub-folders can be searched.
     """
     data_sets = data_sets_at(path, options)
-    if not data_sets and options.layout is None:
-        data_sets, complete = data_sets_below(path) if path.is_dir() else ([], True)
+    if options.layout is None and options.sequence is None and path.is_dir():
+        below, complete = data_sets_below(path, data_sets)
         if not complete:
-            raise UsageError(f'{path}: holds too many folders to search; give the data sets in it')
+            choice = ', or a --layout' if data_sets else ''
+            raise UsageError(
+                f'{path}: holds too many folders to search; give the data sets in it{choice}'
+            )
+        data_sets += below
     if not data_sets:
         raise _explain(path) if options.layout is None else not_of_layout(path, options.layout)
     return data_sets
@@ -185,10 +190,11 @@ def find_data_sets(path: Path, options: ReadOptions) -> list[DataSet]:
 
 @cached_listings()
 def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
-    """Find the data set at a path itself, of the requested or the detected layout.
+    """Find the data sets at a path itself, of the requested layout or all.
 
     Raises:
-        AmbiguousLayoutError: The folder fits several layouts and the options contain none.
+        AmbiguousLayoutError: The same files fit several layouts and the options contain none; or
+            they choose a recording only.
         BadFileError: Its upload to a store was not completed.
         UsageError: The chosen recording does not exist.
     """
@@ -198,10 +204,23 @@ def data_sets_at(path: Path, options: ReadOptions) -> list[DataSet]:
         fits = {options.layout: fits[options.layout]} if options.layout in fits else {}
     if not fits:
         return []
-    layout, candidates = _only(path, fits)
-    if options.sequence is not None:
-        candidates = [choose_recording(path, layout, candidates, options.sequence)]
-    return [DataSet(path, layout, candidates)]
+    if options.sequence is not None or len(_apart(fits)) < len(fits):
+        layout, candidates = _only(path, fits)
+        if options.sequence is not None:
+            fits = {layout: [choose_recording(path, layout, candidates, options.sequence)]}
+    return [DataSet(path, layout, candidates) for layout, candidates in fits.items()]
+
+
+def _apart(fits: dict[Layout, list[Candidate]]) -> dict[Layout, list[Candidate]]:
+    """Return the layouts without those that read the folders of an earlier one in another way."""
+    apart: dict[Layout, list[Candidate]] = {}
+    read: set[Path] = set()
+    for layout, candidates in fits.items():
+        folders = {recording.folder for recording in candidates if recording.folder is not None}
+        if not folders & read:
+            apart[layout] = candidates
+            read |= folders
+    return apart
 
 
 @cached_listings()
@@ -346,6 +365,8 @@ def keep_all_but_data_sets(recordings: int) -> Callable[[Path], str | None]:
     """
 
     def refusal(path: Path) -> str | None:
+        if path.is_dir() and not is_remote(path) and not any(path.iterdir()):
+            return None
         count = max(len(files.find(path)) for files in LAYOUTS.values()) if path.is_dir() else 0
         if not count or not _is_plain(path):
             return 'it is no KITTI data set, so --overwrite does not touch it; choose another name'
@@ -555,9 +576,9 @@ def _around(path: Path) -> DataSet | None:
     for folder in path.parents[:_MOST_LEVELS]:
         part = path.relative_to(folder).parts[0]
         if is_inside(part):
-            data_set = data_set_in(folder)
-            if data_set is not None:
-                return data_set
+            data_sets = data_sets_in(folder)
+            if data_sets:
+                return data_sets[0]
     return None
 
 
@@ -565,7 +586,7 @@ def is_inside(name: str) -> bool:
     """Return whether a name is one of a data set, also of data that others add to KITTI's."""
     return (
         name in _FOLDERS
-        or name.startswith(('image_', 'velodyne_', 'label_'))
+        or name.startswith(('image_', 'velodyne_', 'label_', 'data_2d_', 'data_3d_'))
         or Path(name).suffix.lower() in _FILES
     )
 
@@ -584,8 +605,16 @@ def _explain_below(path: Path, data_sets: list[DataSet], *, complete: bool) -> N
     return error.with_remedies(Remedy(path, data_sets[0].folder))
 
 
-def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
-    """Return the data sets below a folder, and whether all of it was searched."""
+def data_sets_below(
+    path: Path, at_path: Sequence[DataSet] = (), visit: Callable[[Path], None] = lambda _: None
+) -> tuple[list[DataSet], bool]:
+    """Return the data sets below a folder, and whether all of it was searched.
+
+    Args:
+        path: The folder.
+        at_path: The data sets at the folder itself; what belongs to them is not searched.
+        visit: Called with each folder that is searched.
+    """
     data_sets: list[DataSet] = []
     seen: set[str] = set()
     queue = deque([(path, 0)])
@@ -595,26 +624,53 @@ def data_sets_below(path: Path) -> tuple[list[DataSet], bool]:
         if real_path in seen:
             continue
         seen.add(real_path)
-        data_set = data_set_in(folder) if level else None
-        if data_set is not None:
-            data_sets.append(data_set)
-        elif level < _MOST_LEVELS:
-            queue.extend((subfolder, level + 1) for subfolder in _subfolders(folder))
+        here = at_path
+        if level:
+            visit(folder)
+            here = data_sets_in(folder)
+            data_sets += here
+        if level < _MOST_LEVELS:
+            subfolders = [subfolder.name for subfolder in _subfolders(folder)]
+            covered = covered_folders(folder, subfolders, here)
+            queue.extend((folder / name, level + 1) for name in subfolders if name not in covered)
     return data_sets, not queue
 
 
-def data_set_in(folder: Path) -> DataSet | None:
-    """Return the data set in a folder, if names in it are KITTI's."""
+def describe_below(path: Path, options: ReadOptions) -> list[str]:
+    """Return a note on the data sets in sub-folders that do not belong to the one at a path."""
+    if options.layout is not None or options.sequence is not None:
+        return []
+    below, complete = data_sets_below(path, data_sets_at(path, options))
+    if not below:
+        return []
+    count = f'{"" if complete else "at least "}{format_count(len(below), "other data set")}'
+    return [f'{path}: holds {count}, {some_of([*map(str, below)])}; give one to show it']
+
+
+def data_sets_in(folder: Path) -> list[DataSet]:
+    """Return the data sets in a folder, if names in it are KITTI's."""
     if not any(map(_is_kitti_name, _entries(folder))):
-        return None
+        return []
+    fits = {}
     for layout, files in LAYOUTS.items():
-        try:
-            recordings = files.find(folder)
-        except OSError:
-            continue
-        if recordings:
-            return DataSet(folder, layout, recordings)
-    return None
+        with suppress(OSError):
+            fits[layout] = files.find(folder)
+    return [DataSet(folder, *fit) for fit in _apart(fits).items() if fit[1]]
+
+
+def covered_folders(
+    folder: Path, subfolders: Iterable[str], data_sets: Iterable[DataSet]
+) -> set[str]:
+    """Return the names of the sub-folders of a folder that belong to data sets in it."""
+    covered = set()
+    for recording in chain.from_iterable(data_set.recordings for data_set in data_sets):
+        inside = recording.folder
+        base = absolute(folder) if inside is None or inside.is_absolute() else folder
+        if inside is None or inside == base:
+            covered |= {name for name in subfolders if is_inside(name) or name == recording.name}
+        else:
+            covered.add(inside.relative_to(base).parts[0])
+    return covered
 
 
 def _is_kitti_name(name: str) -> bool:

@@ -68,16 +68,16 @@ class PathSources(NamedTuple):
     Attributes:
         data_sets: Folders with recordings.
         bags: Bags, files or folders.
-        complete: True if all folders below were searched.
+        unopened: Folders that were not searched, or not to the end.
     """
 
     data_sets: list[DataSet]
     bags: list[Path]
-    complete: bool = True
+    unopened: Sequence[Unopened] = ()
 
 
 def find_sources(path: Path, options: ReadOptions) -> PathSources:
-    """Find the data sets and bags at a path, or below a folder that is neither.
+    """Find the data sets and bags at a path and below it.
 
     Args:
         path: A KITTI folder, a folder of several, a bag, or a folder of bags.
@@ -97,12 +97,21 @@ def find_sources(path: Path, options: ReadOptions) -> PathSources:
     bags = list(_bags_in(path)) if options.layout is None else []
     if options.layout is not None and not data_sets:
         raise not_of_layout(path, options.layout)
-    if data_sets:
+    if data_sets and (options.layout is not None or options.sequence is not None):
         return PathSources(data_sets, bags)
-    below, complete = data_sets_below(path)
-    if not below and not bags:
+    unopened: list[Unopened] = []
+
+    def visit(folder: Path) -> None:
+        try:
+            bags.extend(_bags_in(folder))
+        except OSError as error:
+            unopened.append(Unopened(folder, error))
+
+    below, complete = data_sets_below(path, data_sets, visit)
+    if not data_sets and not below and not bags:
         raise explain(path)
-    return PathSources(below, bags, complete)
+    unopened += [] if complete else [Unopened(path)]
+    return PathSources([*data_sets, *below], bags, unopened)
 
 
 def _explain_file(path: Path) -> KittiRos2Error:
@@ -119,8 +128,10 @@ def _is_bag_file(path: Path) -> bool:
 
 
 def _bags_in(folder: Path) -> Iterator[Path]:
-    """Yield the bags in a folder: single files, and rosbag2 directories."""
+    """Yield the bags in a folder that is none: single files, and rosbag2 directories."""
     names = STORE.names(folder)
+    if METADATA in names:
+        return
     yield from (bag for bag in bags_among(folder, names) if bag == folder or bag.is_file())
     for name in names:
         if (folder / name / METADATA).is_file():
@@ -358,12 +369,12 @@ def validate(
     tally = FindingTally(rules_by_id(bags=any(content.bags for content in contents)))
     show = progress or (lambda _done, _total: None)
     sources: list[CheckedSource] = []
-    for source, content in zip(map(as_path, paths), contents, strict=False):
+    for content in contents:
         for data_set in content.data_sets:
             sources += _check_data_set(data_set, read, check_options, tally, show)
         sources += _check_bags(content.bags, check_options, tally, show)
-        if not content.complete:
-            tally.add(find_breaches(SOURCE_RULES, Unopened(source)))
+        for unopened in content.unopened:
+            tally.add(find_breaches(SOURCE_RULES, unopened))
     return tally.report(sources)
 
 

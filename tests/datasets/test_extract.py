@@ -273,6 +273,16 @@ def test_the_next_command_is_printed_and_quiet_prints_nothing(recordings, tmp_pa
     assert capsys.readouterr() == ('', '')
 
 
+def test_parts_of_one_data_set_are_one_next_command(recordings, tmp_path, capsys):
+    archive = pack_folder(tmp_path / 'a.zip', recordings[Layout.KITTI_360])
+    out = tmp_path / 'KITTI-360'
+    assert main(['extract', str(archive), str(out)]) == 0
+    said = capsys.readouterr().out
+    assert [line for line in said.splitlines() if line.startswith('next')] == [
+        f'next: kitti-ros2 info {out}'
+    ]
+
+
 def test_a_copy_of_a_member_is_kept_once(tmp_path):
     with warnings.catch_warnings(), zipfile.ZipFile(tmp_path / 'a.zip', 'w') as made:
         warnings.simplefilter('ignore')

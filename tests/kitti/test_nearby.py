@@ -11,6 +11,7 @@ from zipfile import ZipFile
 
 import pytest
 
+from kitti_ros2.cli import main
 from kitti_ros2.kitti import opening
 from kitti_ros2.kitti.archives import Archive
 from kitti_ros2.kitti.opening import data_sets_below, explain, open_recording
@@ -104,6 +105,18 @@ def test_the_folder_above_lists_what_is_below(recordings, tmp_path):
     assert '2 more; give one of these folders' in str(error)
     assert [each.source for each in error.remedies] == [data / 'kitti360']
     assert {each.layout for each in data_sets_below(tmp_path)[0]} == set(Layout)
+
+
+def test_info_names_the_data_sets_below_another(recordings, tmp_path, capsys):
+    drive = recordings[Layout.RAW]
+    (tmp_path / drive.parent.name).symlink_to(drive.parent)
+    (tmp_path / 'sets' / 'object').parent.mkdir()
+    (tmp_path / 'sets' / 'object').symlink_to(recordings[Layout.OBJECT])
+    main(['info', str(tmp_path)])
+    text = f'holds 1 other data set, {tmp_path}/sets/object (object); give one to show it'
+    assert text in capsys.readouterr().out
+    main(['info', str(tmp_path), '--layout', 'raw'])
+    assert 'other data set' not in capsys.readouterr().out
 
 
 def test_the_recordings_below_are_counted(tmp_path):

@@ -50,8 +50,20 @@ def test_everything_below_a_folder_is_checked(root):
     assert report.ok
     drives = ['2011_09_26_drive_0001_sync', '2011_09_26_drive_0002_sync']
     drives.append('2013_05_28_drive_0000_sync')
-    assert names(report) == ['00', '0000', '01', *drives, 'testing', 'training']
+    assert names(report) == ['00', '0000', '01', *drives, 'bag.mcap', 'testing', 'training']
     assert names(validate(root / 'bags')) == ['bag.mcap']
+
+
+def test_all_layouts_of_a_folder_and_those_below_are_checked(recordings, tmp_path):
+    """Dates of raw drives beside the parts of KITTI-360, an object set in a folder of its own."""
+    for path in (recordings[Layout.RAW].parent, *recordings[Layout.KITTI_360].iterdir()):
+        shutil.copytree(path, tmp_path / 'both' / path.name)
+    shutil.copytree(recordings[Layout.OBJECT], tmp_path / 'both' / 'object')
+    raw, kitti360 = '2011_09_26_drive_0001_sync', '2013_05_28_drive_0000_sync'
+    for path in (tmp_path / 'both', tmp_path):
+        assert names(validate(path)) == [raw, kitti360, 'training']
+    assert names(validate(tmp_path / 'both', layout='kitti360')) == [kitti360]
+    assert names(validate(tmp_path / 'both' / 'data_2d_raw')) == [kitti360]
 
 
 def test_several_paths_are_checked_once_each(root):
@@ -106,7 +118,7 @@ def test_a_recording_that_cannot_be_opened_is_an_error(root, tmp_path):
 
 def test_a_search_that_ends_early_is_a_warning(root, monkeypatch):
     found = checked.data_sets_below(root)[0]
-    monkeypatch.setattr(checked, 'data_sets_below', lambda _: (found, False))
+    monkeypatch.setattr(checked, 'data_sets_below', lambda *_: (found, False))
     assert 'source-large' in {each.rule for each in validate(root).findings}
 
 
