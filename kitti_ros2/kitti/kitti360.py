@@ -24,25 +24,34 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import pairwise, starmap
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..model.errors import BadFileError, describe_error, format_count, runs_of
+from ..model.boxes import cuboid_of
+from ..model.errors import BadFileError, UsageError, describe_error, format_count, runs_of
 from ..model.geometry import Transform
 from ..model.samples import FrameLabels, Pose, TextFile, Trails
-from ..model.streams import Clock, Layout, Stream
+from ..model.streams import Clock, GeoOrigin, Layout, Stream
 from . import names
 from .archives import describe_source
-from .kitti360_boxes import LEAST_POINTS, BoxIndex, describe_shapes, parse_world_boxes
+from .kitti360_boxes import (
+    LEAST_POINTS,
+    BoxIndex,
+    WorldBox,
+    describe_shapes,
+    format_world_boxes,
+    label_of,
+    parse_world_boxes,
+)
 from .kitti360_calib import (
     SICK_TO_VELO,
     UPRIGHT,
     format_kitti360_calibration,
     parse_kitti360_calibration,
 )
-from .kitti_recording import KittiRecording, no_calibration, rect_from_imu
+from .kitti_recording import KittiRecording, MercatorWorld, no_calibration, rect_from_imu
 from .names import (
     KITTI_360_BOX_FOLDERS,
     KITTI_360_BOXES,
@@ -58,6 +67,7 @@ from .store import STORE, cached_listings
 from .text_file import (
     Lines,
     NumberedPoses,
+    format_packet,
     format_timestamps,
     parse_lines,
     parse_numbers,
@@ -67,9 +77,10 @@ from .text_file import (
 from .writers import LayoutWriter, fill_stamps
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
+    from ..model.boxes import Box
     from ..model.geometry import Float64Array
     from ..model.samples import Calibration, LineScan, OxtsPacket, Scan
     from ..options.read import ReadOptions
@@ -80,6 +91,7 @@ _LARGEST_LEAN = np.cos(np.radians(60.0))
 """Of a vehicle that a pose can be of; the first pose of drive 0004 leans by 74 degrees."""
 _SAME_M, _SAME_ROTATION = 5e-3, 1e-4
 """Limits for the two files of poses; in 11 drives they differ by 5e-4 m and 5e-7."""
+_KEPT_SCANS = 4
 _NOT_READ = ('data_2d_semantics', 'data_3d_semantics', *names.KITTI_360_TEST_SLAM)
 
 LEANING = 'poses lean by more than 60 degrees, or their z is not down'
@@ -135,6 +147,7 @@ class Kitti360Recording(KittiRecording):
             self._folders[Stream.OXTS] = packets
         data = {folder.path / folder.data: folder.suffixes for folder in self._folders.values()}
         self._name_frames(data, names.RAW_DIGITS)
+        self._last_scans: dict[int, Scan] = {}
         self.clock = Clock.UTC if self._stamps else Clock.NOMINAL
         for stream in self._folders:
             self._add_folder(stream)
@@ -318,6 +331,15 @@ class Kitti360Recording(KittiRecording):
             self.notes.append(f'{path}: {describe_shapes(shapes)}; they are left out')
         return BoxIndex(boxes, numbers, positions)
 
+    def _scan(self, number: int) -> Scan:
+        """Return a scan; the last ones are kept for the boxes of their frames."""
+        scan = self._last_scans.get(number)
+        if scan is None:
+            scan = super()._scan(number)
+            if Stream.LABELS in self.streams:
+                self._last_scans = dict([*self._last_scans.items(), (number, scan)][-_KEPT_SCANS:])
+        return scan
+
     def _labels(self, number: int) -> FrameLabels:
         velo_t_imu = self.calibration(number).velo_T_imu
         velo_t_world = velo_t_imu @ self._pose(number).world_T_imu.inverse()
@@ -449,8 +471,17 @@ def _parse_pose(line: str, count: int) -> tuple[int, Float64Array]:
     return number, matrix[:3]
 
 
+# Writer of a drive. Poses and boxes are in the world of the data set if there are packets, else in
+# imu_link at frame 0.
+
+_ORIGIN = GeoOrigin(48.9843445, 8.4295857, 0.0)
+"""Of the world in Mercator's projection, with its scale (facts of 0000, 0003 and 0008)."""
+_STANDS_M = 0.01
+_SPARE_M = 1e-3
+
+
 class Kitti360Writer(LayoutWriter):
-    """Writes one drive; of its cameras the rectified ones, as others have no such fisheyes.
+    """Writes one drive.
 
     Args:
         root: The folder above calibration, data_2d_raw and others.
@@ -466,12 +497,13 @@ class Kitti360Writer(LayoutWriter):
         self._calibration: Calibration | None = None
         self._stamps: dict[Path, dict[int, int]] = {}
         self._poses: dict[int, Float64Array] = {}
+        self._world_T_imu = Transform.identity()
+        self._tracks: dict[int, dict[int, Box]] = {}
 
     @property
     def accepts(self) -> frozenset[Stream]:
-        """The streams of the layout without the fisheyes, line scanner, packets and boxes."""
-        others = {Stream.IMAGE_2, Stream.IMAGE_3, Stream.SICK, Stream.OXTS, Stream.LABELS}
-        return self.layout.traits.streams - others
+        """The streams of the layout without the line scanner."""
+        return self.layout.traits.streams - {Stream.SICK}
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write the files of the calibration; the last is kept."""
@@ -491,7 +523,7 @@ class Kitti360Writer(LayoutWriter):
         self._stamps.setdefault(folder, {})[number] = stamp_ns
 
     def write_image(self, camera: int, number: int, stamp_ns: int, png: bytes) -> None:
-        """Write an image of a rectified camera."""
+        """Write an image."""
         self._check_camera(camera)
         image, data = KITTI_360_IMAGES[camera]
         folder = self.path / DATA_2D / self._name / image
@@ -499,23 +531,97 @@ class Kitti360Writer(LayoutWriter):
         self._stamps.setdefault(folder, {})[number] = stamp_ns
 
     def write_pose(self, number: int, stamp_ns: int, first_T_cam0: Float64Array) -> None:  # noqa: ARG002
-        """Write a line of poses.txt; the world is imu_link at the first pose."""
+        """Write a line of poses.txt."""
         self._poses[number] = first_T_cam0
 
+    def write_oxts(self, number: int, stamp_ns: int, packet: OxtsPacket | str) -> None:
+        """Write one packet; that of frame 0 places the drive in the world."""
+        folder = self.path / DATA_POSES / self._name / names.RAW_OXTS
+        file = names.file_name(number, names.RAW_DIGITS, names.TXT)
+        text = packet if isinstance(packet, str) else f'{format_packet(packet)}\n'
+        STORE.write_text(folder / names.RAW_DATA / file, text)
+        self._stamps.setdefault(folder, {})[number] = stamp_ns
+        if number == 0:
+            first = parse_packet(text, file)
+            self._world_T_imu = MercatorWorld.at(_ORIGIN).pose(first)
+
+    def write_labels(self, number: int, labels: Iterable[Box] | str) -> None:
+        """Write boxes of a frame that has a pose.
+
+        Raises:
+            UsageError: The labels are lines of text, which this layout does not support.
+            ValueError: A box has no track id.
+        """
+        if isinstance(labels, str):
+            raise UsageError('KITTI-360 keeps labels as boxes; hand over boxes, not lines')
+        for box in labels:
+            if box.track_id is None:
+                raise ValueError('a box in the world needs a track id')
+            self._tracks.setdefault(box.track_id, {})[number] = box
+
     def close(self) -> None:
-        """Write the time stamps and both files of poses."""
+        """Write the time stamps, both files of poses, and the boxes."""
         for folder, stamps in self._stamps.items():
             STORE.write_text(folder / names.TIMESTAMPS, format_timestamps(fill_stamps(stamps)))
         if not self._poses or self._calibration is None:
             return
         rect_t_imu = rect_from_imu(self._calibration)
-        poses, cameras = [], []
-        for number, matrix in sorted(self._poses.items()):
-            camera = rect_t_imu.inverse() @ Transform.from_matrix(matrix)
-            pose = (camera @ rect_t_imu @ UPRIGHT).matrix()[:3]
-            poses.append(f'{number} {" ".join(f"{value:.10g}" for value in pose.ravel())}\n')
-            words = [f'{value:.6f}' for value in camera.matrix().ravel()]
-            cameras.append(f'{number} {" ".join(words)} \n')
+        world_t_first = self._world_T_imu @ rect_t_imu.inverse()
+        cameras = {
+            number: world_t_first @ Transform.from_matrix(matrix)
+            for number, matrix in sorted(self._poses.items())
+        }
+        poses = {number: camera @ rect_t_imu @ UPRIGHT for number, camera in cameras.items()}
         folder = self.path / DATA_POSES / self._name
-        STORE.write_text(folder / POSES, ''.join(poses))
-        STORE.write_text(folder / CAM0_TO_WORLD, ''.join(cameras))
+        STORE.write_text(folder / POSES, ''.join(starmap(_format_pose, poses.items())))
+        STORE.write_text(folder / CAM0_TO_WORLD, ''.join(starmap(_format_camera, cameras.items())))
+        if self._tracks:
+            boxes = [box for _, track in sorted(self._tracks.items())
+                     for box in _place(track, cameras)]  # fmt: skip
+            path = self.path / KITTI_360_BOXES / KITTI_360_BOX_FOLDERS[0] / f'{self._name}.xml'
+            STORE.write_text(path, format_world_boxes(boxes))
+
+
+def _format_pose(number: int, pose: Transform) -> str:
+    """Format a line of poses.txt."""
+    return f'{number} {" ".join(f"{value:.10g}" for value in pose.matrix()[:3].ravel())}\n'
+
+
+def _format_camera(number: int, camera: Transform) -> str:
+    """Format a line of cam0_to_world.txt: %f and MATLAB's %d, an exponent unless whole, in turn."""
+    words = [f'{value:.6f}' for value in camera.matrix().ravel().tolist()]
+    for index, value in enumerate(camera.matrix()[:, 1::2].ravel().tolist()):
+        words[2 * index + 1] = f'{value:.0f}' if value.is_integer() else f'{value:.6e}'
+    return f'{number} {" ".join(words)} \n'
+
+
+def _place(track: Mapping[int, Box], cameras: Mapping[int, Transform]) -> Iterator[WorldBox]:
+    """Yield the boxes of an object in the world: one if it stands, else one a frame.
+
+    They are larger by a millimetre on each side, so that the points on their faces are inside.
+
+    Args:
+        track: Its labels, by frame.
+        cameras: world_T_cam0, by frame.
+    """
+    window = min(track), max(track)
+    places = {}
+    for number, box in sorted(track.items()):
+        cuboid = cuboid_of(box, '', Transform.identity())
+        places[number] = cameras[number] @ cuboid.velo_T_box
+    first = places[window[0]].translation
+    moved = [np.linalg.norm(place.translation - first) for place in places.values()]
+    stands = len(places) > 1 and max(moved) < _STANDS_M
+    for number in [window[0]] if stands else places:
+        box = track[number]
+        height, width, length = (size + 2 * _SPARE_M for size in box.size_hwl)
+        label, frame = label_of(box.class_name), None if stands else number
+        yield WorldBox(
+            box.class_name,
+            label,
+            box.track_id or 0,
+            places[number],
+            (length, width, height),
+            window,
+            frame,
+        )

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,8 @@ from .text_file import check_count, parse_numbers
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    import numpy.typing as npt
 
     from ..model.geometry import Float64Array
     from ..model.samples import Float32Array, Int64Array
@@ -294,6 +296,76 @@ def _place(
     length, width, height = size.tolist()
     place = Transform(left @ right, scaled @ middle + matrix[:3, 3])
     return place, (length, width, height)
+
+
+# A file of boxes, written.
+
+_CUBE = np.array([
+    [0.5, 0.5, 0.5], [0.5, 0.5, -0.5], [0.5, -0.5, 0.5], [0.5, -0.5, -0.5],
+    [-0.5, 0.5, -0.5], [-0.5, 0.5, 0.5], [-0.5, -0.5, -0.5], [-0.5, -0.5, 0.5],
+])  # fmt: skip
+_TRIANGLES = np.array([
+    [0, 2, 1], [2, 3, 1], [4, 6, 5], [6, 7, 5], [4, 5, 1], [5, 0, 1],
+    [7, 6, 2], [6, 3, 2], [5, 7, 0], [7, 2, 0], [1, 3, 4], [3, 6, 4],
+])  # fmt: skip
+_LABELS_OF = {name: label for label, name in CLASSES.items() if label != 'pedestrian'}
+_OTHER_LABELS = {
+    'Van': 'car',
+    'Cyclist': 'rider',
+    'Person_sitting': 'person',
+    'Misc': 'unknown object',
+}
+_NUMBERS = {label: number for number, (_, label) in LABELS.items()}
+
+
+def label_of(class_name: str) -> str:
+    """Return the label of a class of KITTI, the nearest one, such as car of a van."""
+    return {**_LABELS_OF, **_OTHER_LABELS}.get(class_name, class_name)
+
+
+def format_world_boxes(boxes: Sequence[WorldBox]) -> str:
+    """Format a file of boxes; instances are numbered by label in the order of track ids.
+
+    Raises:
+        ValueError: A label is none of the data set.
+    """
+    instances: dict[str, dict[int, int]] = {}
+    lines = ['<?xml version="1.0"?>', f'<{_ROOT}>']
+    for index, box in enumerate(boxes):
+        if box.label not in _NUMBERS:
+            raise ValueError(f'{box.label!r} is no label of KITTI-360')
+        tracks = instances.setdefault(box.label, {})
+        first, last = box.window or (0, 0)
+        values = {
+            'index': index,
+            'label': box.label,
+            'semanticId': _NUMBERS[box.label],
+            'instanceId': tracks.setdefault(box.track_id, len(tracks) + 1),
+            'category': 1,
+            'start_frame': first,
+            'end_frame': last,
+            'timestamp': _STANDS if box.frame is None else box.frame,
+        }
+        transform = box.world_T_box.matrix()
+        transform[:3, :3] *= box.size_lwh
+        lines += [f'<object{index}>', *(f'<{key}>{value}</{key}>' for key, value in values.items())]
+        for name, matrix in (('transform', transform), ('vertices', _CUBE)):
+            lines += _format_matrix(name, matrix, 'f', '.8e')
+        lines += [*_format_matrix('faces', _TRIANGLES, 'i', 'd'), f'</object{index}>']
+    return '\n'.join([*lines, f'</{_ROOT}>', ''])
+
+
+def _format_matrix(name: str, matrix: npt.NDArray[Any], kind: str, form: str) -> list[str]:
+    rows, columns = matrix.shape
+    return [
+        f'<{name} type_id="opencv-matrix">',
+        f'<rows>{rows}</rows>',
+        f'<cols>{columns}</cols>',
+        f'<dt>{kind}</dt>',
+        '<data>',
+        *(' '.join(f'{value:{form}}' for value in row) for row in matrix.tolist()),
+        f'</data></{name}>',
+    ]
 
 
 # The boxes of a frame: those with some points of its scan inside.

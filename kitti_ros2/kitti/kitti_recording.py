@@ -78,8 +78,8 @@ class MercatorWorld:
     origin: Float64Array
 
     @classmethod
-    def at(cls, first: OxtsPacket) -> MercatorWorld:
-        """Return the frame whose origin is imu_link in a packet."""
+    def at(cls, first: OxtsPacket | GeoOrigin) -> MercatorWorld:
+        """Return the frame whose origin is a position, or imu_link in a packet."""
         scale = float(np.cos(np.radians(first.lat)))
         return cls(scale, _mercator(first, scale))
 
@@ -91,7 +91,7 @@ class MercatorWorld:
         )
 
 
-def _mercator(packet: OxtsPacket, scale: float) -> Float64Array:
+def _mercator(packet: OxtsPacket | GeoOrigin, scale: float) -> Float64Array:
     """Return (3,) east, north, up of imu_link, metres."""
     east = scale * EARTH_RADIUS_M * np.radians(packet.lon)
     north = scale * EARTH_RADIUS_M * np.log(np.tan(np.pi / 4 + np.radians(packet.lat) / 2))

@@ -156,6 +156,8 @@ class LayoutTraits:
             has points of.
         camera_poses: Whether files of poses are those of camera 0, not of the GPS/IMU.
         compensated_scans: Whether KITTI has compensated the scans for motion.
+        scans_on_grid: Whether scans as measured have whole millimetres and hundredths of
+            reflectance; else any coordinates, and 256ths.
         point_labels: Whether the points of scans can have semantic labels.
         from_others: Whether sets of the layout are made of bags of others.
     """
@@ -182,6 +184,7 @@ class LayoutTraits:
     world_boxes: bool = False
     camera_poses: bool = False
     compensated_scans: bool = False
+    scans_on_grid: bool = True
     point_labels: bool = False
     from_others: bool = True
 
@@ -278,6 +281,7 @@ _TRAITS = {
         line_streams=frozenset({Stream.POSE}),
         numbered_lines=frozenset({Stream.POSE}),
         world_boxes=True,
+        scans_on_grid=False,
         from_others=False,
     ),
 }

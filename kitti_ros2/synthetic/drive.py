@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,6 +19,7 @@ from ..kitti.scan_grid import compensated, on_grid
 from ..model.errors import OutputExistsError, UsageError
 from ..model.samples import Scan, rect_from_velo
 from ..model.streams import NS_PER_S, Layout, PngForm, Stream
+from .fisheye import Fisheye
 from .render import Cameras, encode_image
 from .scene import (
     CAR_T_VELO,
@@ -26,12 +28,14 @@ from .scene import (
     SyntheticOptions,
     build_street,
     make_calibration,
+    make_fisheyes,
     motion_at,
     packet_of,
     place_solids,
 )
 from .sensors import (
     Arrivals,
+    box_solids,
     cast_scan,
     ground_reflectance,
     kitti_twist,
@@ -47,7 +51,7 @@ if TYPE_CHECKING:
     from ..kitti.writers import LayoutWriter
     from ..model.boxes import Box
     from ..model.geometry import Float64Array, Transform
-    from ..model.samples import Calibration, Image, OxtsPacket
+    from ..model.samples import Calibration, Image, Int64Array, OxtsPacket
     from .render import Canvas, Picture
 
 
@@ -66,6 +70,9 @@ _HALF_SWEEP_NS = 49_731_519
 _CAMERA_OFFSETS_NS = (10_412_837, 10_427_341, 10_003_129, 10_018_773)
 _OXTS_OFFSET_NS = 4_871_233
 _REFLECTANCE_SPREAD = 0.03
+_REFLECTANCE_STEPS = 256  # of scans off the grid
+_LEAST_MOVED_M = 0.2
+_DIGITS = 10  # of KITTI-360's mounts
 
 
 class FrameStamps(NamedTuple):
@@ -94,11 +101,22 @@ class SyntheticDrive:
     Attributes:
         options: Its options.
         calibration: The rig.
+
+    Args:
+        options: See there.
+        layout: The layout whose rig, scans and labels it has; those of KITTI's are the same.
     """
 
-    def __init__(self, options: SyntheticOptions | None = None) -> None:
+    def __init__(
+        self, options: SyntheticOptions | None = None, layout: Layout = Layout.RAW
+    ) -> None:
         self.options = options or SyntheticOptions()
-        self.calibration: Calibration = make_calibration(self.options.image_size)
+        self._traits = layout.traits
+        size = self.options.image_size
+        self.calibration: Calibration = make_calibration(size)
+        if self._traits.raw_cameras:
+            rig = make_calibration(size, _DIGITS)
+            self.calibration = replace(rig, cameras={**rig.cameras, **make_fisheyes(size)})
         self._rect_T_velo = rect_from_velo(self.calibration)
         self._car_T_imu = CAR_T_VELO @ self.calibration.velo_T_imu
         self._course = self.options.course
@@ -109,6 +127,7 @@ class SyntheticDrive:
         self._jitter_ns[0] = 0
         focal = float(self.calibration.cameras[0].p_rect[0, 0])
         self._last_placed: tuple[int, list[PlacedSolid]] = (-1, [])
+        self._last_cast: tuple[int, Float64Array, Int64Array] | None = None
         self._cameras = Cameras(self.options.image_size, focal, self.options.seed, self._course)
 
     def __len__(self) -> int:
@@ -164,6 +183,18 @@ class SyntheticDrive:
         first, now = self.motion(0).map_T_imu, self.motion(frame).map_T_imu
         return cam0_t_imu @ first.inverse() @ now @ cam0_t_imu.inverse()
 
+    @cached_property
+    def posed(self) -> frozenset[int]:
+        """The frames with a pose: in KITTI-360 not the first, and none without movement before."""
+        if Stream.POSE not in self._traits.numbered_lines:
+            return frozenset(range(len(self)))
+        listed: list[int] = []
+        for frame in range(1, len(self)):
+            moved = self.pose(listed[-1]).inverse() @ self.pose(frame) if listed else None
+            if moved is None or np.linalg.norm(moved.translation) >= _LEAST_MOVED_M:
+                listed.append(frame)
+        return frozenset(listed)
+
     def placed(self, frame: int) -> list[PlacedSolid]:
         """Return the boxes around the scanner, in velo_link, nearest first."""
         last_frame, placed = self._last_placed
@@ -181,7 +212,7 @@ class SyntheticDrive:
             is_compensated: Whether it is measured in a turn and compensated as those of odometry.
         """
         placed = self.placed(frame)
-        ranges, hits = cast_scan(placed, self.options.lidar_columns)
+        ranges, hits = self._cast(frame)
         rng = np.random.default_rng([self.options.seed, 8, frame])
         street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
         albedos = np.array([*(one.solid.look.reflectance for one in placed), 0.0])
@@ -196,37 +227,68 @@ class SyntheticDrive:
         forward_s = (stamps.scan - START_NS) / NS_PER_S
         if self.options.swept or is_compensated:
             points = measure(points, self._course, forward_s, _HALF_SWEEP_NS / NS_PER_S)
+        if not self._traits.scans_on_grid:
+            points[:, 3] = np.rint(points[:, 3] * _REFLECTANCE_STEPS) / _REFLECTANCE_STEPS
+            return Scan(points)
         xyz = points[:, :3] = on_grid(points[:, :3])
         if is_compensated:
             twist = kitti_twist(self._course, forward_s)
             points[:, :3] = compensated(xyz.astype(np.float64), twist)
         return Scan(points, start_ns=stamps.scan_start, end_ns=stamps.scan_end)
 
+    def _cast(self, frame: int) -> tuple[Float64Array, Int64Array]:
+        """Return the ranges of the rays, and the indices in placed(frame) of what they hit."""
+        last = self._last_cast
+        if last is None or last[0] != frame:
+            last = frame, *cast_scan(self.placed(frame), self.options.lidar_columns)
+            self._last_cast = last
+        return last[1:]
+
     def picture(self, frame: int, camera: int) -> Picture:
         """Return the pixels of an image: (height, width) for cameras 0 and 1, else (..., 3) BGR."""
         street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
+        placed = self.placed(frame)
+        if camera in self._fisheyes:
+            fisheye, texture = self._fisheyes[camera], self._cameras.texture
+            return fisheye.photograph(camera, frame, placed, street_t_velo, texture)
         projection = self.projection(camera)
-        return self._cameras.photograph(
-            camera, frame, self.placed(frame), projection, street_t_velo
-        )
+        return self._cameras.photograph(camera, frame, placed, projection, street_t_velo)
+
+    @cached_property
+    def _fisheyes(self) -> dict[int, Fisheye]:
+        cameras, seed = self.calibration.cameras, self.options.seed
+        return {
+            camera: Fisheye(cameras[camera], seed, self._course)
+            for camera in self._traits.raw_cameras
+        }
 
     def image(self, frame: int, camera: int, form: PngForm = PngForm.KITTI) -> Image:
         """Return an image as a PNG file."""
         return encode_image(self.picture(frame, camera), form)
 
     def instances(self, frame: int, camera: int) -> Canvas:
-        """Return the index in placed(frame), plus one, of each pixel of an image, and its depth."""
+        """Return the index in placed(frame), plus one, of each pixel of an image, and its depth.
+
+        The depth of a fisheye is the distance from it.
+        """
+        if camera in self._fisheyes:
+            return self._fisheyes[camera].instances(self.placed(frame))
         return self._cameras.instances(self.placed(frame), self.projection(camera))
 
     def boxes(self, frame: int) -> list[Box]:
-        """Return the labels of the objects that camera 2 sees, with frame and track id."""
+        """Return the labels of the objects that camera 2 sees, with frame and track id.
+
+        Boxes in the world are those of all objects that the scanner sees.
+        """
         placed = self.placed(frame)
+        if self._traits.world_boxes:
+            return box_solids(placed, self._cast(frame)[1], self._rect_T_velo, frame)
         canvas = self.instances(frame, LABEL_CAMERA)
         p_rect = self.calibration.cameras[LABEL_CAMERA].p_rect
         return label_solids(placed, canvas, p_rect, self._rect_T_velo, frame)
 
     def projection(self, camera: int) -> Float64Array:
-        """Return (3, 4), velo_link to a camera's pixels: P_i R0_rect Tr_velo_to_cam."""
+        """Return (3, 4), velo_link to a rectified camera's pixels: P_i R0_rect Tr_velo_to_cam."""
         projection: Float64Array = (
             self.calibration.cameras[camera].p_rect @ self._rect_T_velo.matrix()
         )
@@ -273,7 +335,7 @@ def write_synthetic(
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     try:
-        _write(partial, layout, SyntheticDrive(options), progress)
+        _write(partial, layout, SyntheticDrive(options, layout), progress)
         if root.exists():
             root.rmdir()
         partial.rename(root)
@@ -295,7 +357,7 @@ def extract_of(drive: Path) -> Path:
 def _write(
     root: Path, layout: Layout, drive: SyntheticDrive, progress: Callable[[int], None] | None
 ) -> None:
-    cameras, form = layout.traits.cameras, layout.traits.png
+    cameras, form = layout.traits.cameras + layout.traits.raw_cameras, layout.traits.png
     with (
         Threads(os.cpu_count() or 1, 'image') as threads,
         make_writer(layout, root, _name(layout)) as writer,
@@ -331,7 +393,8 @@ def _write_frame(writer: LayoutWriter, drive: SyntheticDrive, frame: int) -> Non
     writer.write_scan(frame, stamps.scan, drive.scan(frame, is_compensated=is_compensated))
     if Stream.OXTS in writer.accepts:
         writer.write_oxts(frame, drive.packet_stamp(frame), drive.packet(frame))
-    if Stream.POSE in writer.accepts:
+    is_posed = frame in drive.posed
+    if Stream.POSE in writer.accepts and is_posed:
         writer.write_pose(frame, stamps.scan, drive.pose(frame).matrix()[:3])
-    if Stream.LABELS in writer.accepts:
+    if Stream.LABELS in writer.accepts and is_posed:
         writer.write_labels(frame, drive.boxes(frame))

@@ -77,6 +77,13 @@ class Texture(NamedTuple):
             levels.append(_shrunk(levels[-1], width // 2, height // 2))
         return cls(tuple(levels))
 
+    def level(self, pixels: int) -> Picture:
+        """Return the picture with about as many texels as a face has pixels."""
+        height, width = self.levels[0].shape[:2]
+        texels_per_pixel = height * width / max(1, pixels)
+        level = int(np.clip(np.log2(texels_per_pixel) / 2 - 0.2, 0, len(self.levels) - 1))
+        return self.levels[level]
+
     def grey(self) -> Texture:
         """Return the same texture without colour."""
         return Texture(tuple(without_colour(one) for one in self.levels))
@@ -325,16 +332,27 @@ class Canvas:
     ids: npt.NDArray[np.uint16]
     covered: npt.NDArray[np.int64]
 
+    @classmethod
+    def empty(cls, size: tuple[int, int], background: Picture | None, boxes: int) -> Canvas:
+        """Return a canvas of (width, height) without any of so many boxes."""
+        shape = size[::-1]
+        return cls(
+            background,
+            np.zeros(shape, np.float32),
+            np.full(shape, NOTHING, np.uint16),
+            np.zeros(boxes, np.int64),
+        )
+
 
 def visible_faces(
-    placed: Sequence[PlacedSolid], projection: Float64Array, size: tuple[int, int]
+    placed: Sequence[PlacedSolid], projection: Float64Array, size: tuple[int, int] | None = None
 ) -> list[Face]:
     """Return the faces that are turned to a camera and may be in its image, nearest box first.
 
     Args:
         placed: The boxes, in velo_link.
         projection: (3, 4), velo_link to pixels.
-        size: (width, height).
+        size: (width, height); None: in any direction.
     """
     eye = -np.linalg.inv(projection[:, :3]) @ projection[:, 3]
     origins, sides_s, sides_t = _face_corners(placed)
@@ -349,7 +367,7 @@ def visible_faces(
         ],
         axis=3,
     )
-    seen = towards & _may_be_seen(columns, size)
+    seen = towards if size is None else towards & _may_be_seen(columns, size)
     shades = _FACE_SHADE + (1 - _FACE_SHADE) * np.clip(normals @ SUN, 0.0, 1.0)
     return [
         Face(
@@ -460,10 +478,7 @@ def _warp(
 ) -> Picture:
     """Return the texture of a face over a window of pixels, shaded, paler with distance."""
     left, top, columns, rows = window
-    height, width = texture.levels[0].shape[:2]
-    texels_per_pixel = height * width / max(1, np.count_nonzero(inside))
-    level = int(np.clip(np.log2(texels_per_pixel) / 2 - 0.2, 0, len(texture.levels) - 1))
-    picture = texture.levels[level]
+    picture = texture.level(int(np.count_nonzero(inside)))
     height, width = picture.shape[:2]
     to_texel = np.array([[width, 0, -0.5], [0, height, -0.5], [0, 0, 1.0]])
     to_pixel = np.array([[1, 0, left], [0, 1, top], [0, 0, 1.0]])
@@ -474,9 +489,14 @@ def _warp(
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
+    return shaded(patch, face)
+
+
+def shaded(patch: npt.NDArray[Any], face: Face) -> Picture:
+    """Return a part of the texture of a face, shaded, paler with distance."""
     haze = face.distance / _HAZE_DISTANCE
-    shaded = cv2.convertScaleAbs(patch, alpha=face.shade * (1 - haze), beta=haze * HAZE[1])
-    return as_picture(shaded)
+    alpha, beta = face.shade * (1 - haze), haze * HAZE[1]
+    return as_picture(cv2.convertScaleAbs(patch, alpha=alpha, beta=beta))
 
 
 def draw_solids(
@@ -495,13 +515,7 @@ def draw_solids(
         background: The image to draw into, None if only depth and ids are requested.
         textures: The texture of a box's face.
     """
-    width, height = size
-    canvas = Canvas(
-        background,
-        np.zeros((height, width), np.float32),
-        np.full((height, width), NOTHING, np.uint16),
-        np.zeros(len(placed), np.int64),
-    )
+    canvas = Canvas.empty(size, background, len(placed))
     for face in visible_faces(placed, projection, size):
         texture = None if background is None else textures(placed[face.owner], face.name)
         draw_face(canvas, face, texture)
@@ -511,18 +525,40 @@ def draw_solids(
 # Backgrounds of the synthetic images: the winding road on the ground, and the sky.
 
 _PER_METRE = 32
-_ROAD_PERIOD = 24.0
-_ROAD_HALF_WIDTH = 16.0
-_FARTHEST = 400.0
+ROAD_PERIOD = 24.0
+ROAD_HALF_WIDTH = 16.0
+FARTHEST = 400.0
 _BANDS = 5.0 * 1.6 ** np.arange(10)
 """Depths at which the ground changes to a coarser picture of the road, metres."""
+
+
+class Road:
+    """The picture of the road, shrunk along and across it separately.
+
+    Args:
+        seed: Of the grain.
+        grey: Whether it has no colour.
+    """
+
+    def __init__(self, seed: int, *, grey: bool) -> None:
+        road = _paint_road(seed, (ROAD_RIGHT, ROAD_LEFT), ROAD_CENTRE, _PER_METRE)
+        self._shrunk = {(0, 0): without_colour(road) if grey else road}
+
+    def shrunk(self, along: float, across: float) -> Picture:
+        """Return the picture with about one texel in a pixel, where the whole one has so many."""
+        key = int(np.clip(np.log2(along), 0, 7)), int(np.clip(np.log2(across), 0, 6))
+        if key not in self._shrunk:
+            rows, columns = self._shrunk[0, 0].shape[:2]
+            size = (max(1, columns >> key[0]), max(1, rows >> key[1]))
+            small = cv2.resize(self._shrunk[0, 0], size, interpolation=cv2.INTER_AREA)
+            self._shrunk[key] = as_picture(small)
+        return self._shrunk[key]
 
 
 class Backdrop:
     """Draws sky and ground of one camera.
 
-    The pictures of the road are shrunk along and across it separately: seen from a car it is
-    foreshortened a hundred times more along than across.
+    Seen from a car, the road is foreshortened a hundred times more along than across.
 
     Args:
         size: (width, height) of the images.
@@ -539,11 +575,10 @@ class Backdrop:
         self._size = size
         self._focal = focal
         self._grey = grey
-        road = _paint_road(seed, (ROAD_RIGHT, ROAD_LEFT), ROAD_CENTRE, _PER_METRE)
-        sky = _paint_sky(round(2 * np.pi * focal), size[1], seed)
-        self._sky = self._toned(np.concatenate([sky, sky[:, : size[0]]], axis=1))
-        self._road = self._toned(road)
-        self._shrunk: dict[tuple[int, int], Picture] = {(0, 0): self._road}
+        self._road = Road(seed, grey=grey)
+        sky = paint_sky(round(2 * np.pi * focal), size[1], seed)
+        sky = np.concatenate([sky, sky[:, : size[0]]], axis=1)
+        self._sky = without_colour(sky) if grey else sky
 
     def draw(self, projection: Float64Array, street_T_velo: Transform) -> Picture:
         """Return a new image: (height, width) or (height, width, 3) uint8.
@@ -562,9 +597,6 @@ class Backdrop:
         self._draw_sky(image[:above], heading)
         self._draw_ground(image, g, middle, street_T_velo)
         return image
-
-    def _toned(self, picture: Picture) -> Picture:
-        return without_colour(picture) if self._grey else picture
 
     def _draw_sky(self, image: Picture, heading: float) -> None:
         rows = image.shape[0]
@@ -587,7 +619,7 @@ class Backdrop:
     def _draw_ground(
         self, image: Picture, g: Float64Array, inverse_depth: Float64Array, street_T_velo: Transform
     ) -> None:
-        depths = np.where(inverse_depth > 1 / _FARTHEST, 1 / inverse_depth, np.inf)
+        depths = np.where(inverse_depth > 1 / FARTHEST, 1 / inverse_depth, np.inf)
         bands = np.searchsorted(_BANDS, depths)
         for band in np.unique(bands[np.isfinite(depths)]):
             rows = np.flatnonzero((bands == band) & np.isfinite(depths))
@@ -605,12 +637,12 @@ class Backdrop:
         y = (b[0] * u + (b[1] * v + b[2])) * reach
         start_x, start_y, _ = street_T_velo.translation.astype(np.float32)
         y += start_y - self._course.y_array(x + start_x)
-        x += start_x % np.float32(_ROAD_PERIOD)
-        y += np.float32(_ROAD_HALF_WIDTH)
-        along, across = self._levels(depth)
-        picture = self._shrunk_road(along, across)
-        scale_x = np.float32(picture.shape[1] / _ROAD_PERIOD)
-        scale_y = np.float32(picture.shape[0] / (2 * _ROAD_HALF_WIDTH))
+        x += start_x % np.float32(ROAD_PERIOD)
+        y += np.float32(ROAD_HALF_WIDTH)
+        across = texels_at(depth, self._focal)
+        picture = self._road.shrunk(across * depth / SCANNER_HEIGHT, across)
+        scale_x = np.float32(picture.shape[1] / ROAD_PERIOD)
+        scale_y = np.float32(picture.shape[0] / (2 * ROAD_HALF_WIDTH))
         image[rows] = cv2.remap(
             picture,
             x * scale_x - np.float32(0.5),
@@ -619,23 +651,10 @@ class Backdrop:
             borderMode=cv2.BORDER_WRAP,
         )
 
-    def _levels(self, depth: float) -> tuple[int, int]:
-        """Return how often the road is halved along and across for one texel a pixel at a depth."""
-        across = depth / self._focal * _PER_METRE
-        along = across * depth / SCANNER_HEIGHT
-        return (
-            int(np.clip(np.log2(along), 0, 7)),
-            int(np.clip(np.log2(across), 0, 6)),
-        )
 
-    def _shrunk_road(self, along: int, across: int) -> Picture:
-        key = (along, across)
-        if key not in self._shrunk:
-            rows, columns = self._road.shape[:2]
-            size = (max(1, columns >> along), max(1, rows >> across))
-            small = cv2.resize(self._road, size, interpolation=cv2.INTER_AREA)
-            self._shrunk[key] = as_picture(small)
-        return self._shrunk[key]
+def texels_at(depth: float, focal: float) -> float:
+    """Return the texels of the whole picture of the road in a pixel at a depth."""
+    return depth / focal * _PER_METRE
 
 
 def _paint_road(seed: int, edges: tuple[float, float], centre: float, per_metre: int) -> Picture:
@@ -648,21 +667,19 @@ def _paint_road(seed: int, edges: tuple[float, float], centre: float, per_metre:
         per_metre: Pixels.
 
     Returns:
-        Rows across, from y = -_ROAD_HALF_WIDTH; columns along, for one period of _ROAD_PERIOD.
+        Rows across, from y = -ROAD_HALF_WIDTH; columns along, for one period of ROAD_PERIOD.
     """
     rng = np.random.default_rng([seed, 3])
     right, left = edges
-    shape = (round(2 * _ROAD_HALF_WIDTH * per_metre), round(_ROAD_PERIOD * per_metre), 3)
+    shape = (round(2 * ROAD_HALF_WIDTH * per_metre), round(ROAD_PERIOD * per_metre), 3)
     ground = np.empty(shape, np.uint8)
     ground[:] = (64, 112, 96)
 
     def strip(start: float, end: float, colour: Colour, columns: slice = slice(None)) -> None:
-        ground[_along(start + _ROAD_HALF_WIDTH, end + _ROAD_HALF_WIDTH, per_metre), columns] = (
-            colour
-        )
+        ground[_along(start + ROAD_HALF_WIDTH, end + ROAD_HALF_WIDTH, per_metre), columns] = colour
 
     strip(right - 5.0, left + 5.0, (150, 156, 160))
-    for joint in np.arange(0.0, _ROAD_PERIOD, 1.0):
+    for joint in np.arange(0.0, ROAD_PERIOD, 1.0):
         column = _along(joint, joint + 1 / per_metre, per_metre)
         strip(right - 5.0, right, (126, 130, 134), column)
         strip(left, left + 5.0, (126, 130, 134), column)
@@ -675,7 +692,7 @@ def _paint_road(seed: int, edges: tuple[float, float], centre: float, per_metre:
     return grained(rng, ground, 11.0)
 
 
-def _paint_sky(width: int, height: int, seed: int) -> Picture:
+def paint_sky(width: int, height: int, seed: int) -> Picture:
     """Draw a panorama of the sky, zenith to horizon; its two ends match."""
     rng = np.random.default_rng([seed, 4])
     down = np.linspace(0.0, 1.0, height)[:, None, None] ** 1.5
@@ -701,6 +718,31 @@ _PIXEL_NOISE = 1.6
 _NOISE_MARGIN = 64
 
 
+class Noise:
+    """The noise of images: windows of one large picture of it, placed by camera and frame.
+
+    Args:
+        size: (width, height) of the images.
+        seed: Of the noise.
+        grey: Whether the images have no colour.
+    """
+
+    def __init__(self, size: tuple[int, int], seed: int, *, grey: bool) -> None:
+        self._size = width, height = size
+        shape: tuple[int, ...] = (height + _NOISE_MARGIN, width + _NOISE_MARGIN)
+        rng = np.random.default_rng([seed, 6])
+        noise = rng.normal(0.0, _PIXEL_NOISE, shape if grey else (*shape, 3))
+        self._noise = noise.round().astype(np.int16)
+
+    def added(self, image: Picture, camera: int, frame: int) -> Picture:
+        """Return an image with noise."""
+        width, height = self._size
+        top = (frame * 29 + camera * 17) % _NOISE_MARGIN
+        left = (frame * 43 + camera * 31) % _NOISE_MARGIN
+        noise = self._noise[top : top + height, left : left + width]
+        return as_picture(cv2.add(image, noise, dtype=cv2.CV_8U))
+
+
 class Cameras:
     """Draws images; textures are made once, on first use.
 
@@ -718,7 +760,7 @@ class Cameras:
         self._seed = seed
         self._textures: dict[tuple[Look, tuple[float, float, float], bool], dict[str, Texture]] = {}
         self._backdrops: dict[bool, Backdrop] = {}
-        self._noise: dict[bool, npt.NDArray[np.int16]] = {}
+        self._noise: dict[bool, Noise] = {}
 
     def instances(self, placed: Sequence[PlacedSolid], projection: Float64Array) -> Canvas:
         """Return the box and the depth of each pixel, without an image.
@@ -727,7 +769,7 @@ class Cameras:
             placed: The boxes in velo_link, nearest first.
             projection: (3, 4), velo_link to pixels.
         """
-        return draw_solids(placed, projection, self._size, None, self._texture)
+        return draw_solids(placed, projection, self._size, None, self.texture)
 
     def photograph(
         self,
@@ -748,16 +790,17 @@ class Cameras:
         """
         grey = camera in GREY_CAMERAS
         if grey not in self._backdrops:
+            self._noise[grey] = Noise(self._size, self._seed, grey=grey)
             self._backdrops[grey] = Backdrop(
                 self._size, self._focal, self._seed, self._course, grey=grey
             )
         image = self._backdrops[grey].draw(projection, street_T_velo)
-        texture = self._grey_texture if grey else self._texture
+        texture = self._grey_texture if grey else self.texture
         draw_solids(placed, projection, self._size, image, texture)
-        noise = self._noise_of(camera, frame, grey=grey)
-        return as_picture(cv2.add(image, noise, dtype=cv2.CV_8U))
+        return self._noise[grey].added(image, camera, frame)
 
-    def _texture(self, one: PlacedSolid, face: str) -> Texture:
+    def texture(self, one: PlacedSolid, face: str) -> Texture:
+        """Return the texture of a face of a box."""
         return self._painted(one, grey=False)[face]
 
     def _grey_texture(self, one: PlacedSolid, face: str) -> Texture:
@@ -774,18 +817,6 @@ class Cameras:
             else:
                 self._textures[key] = paint(look, one.solid.size, self._seed)
         return self._textures[key]
-
-    def _noise_of(self, camera: int, frame: int, *, grey: bool) -> npt.NDArray[np.int16]:
-        """Return a window of one large noise picture, placed by camera and frame."""
-        width, height = self._size
-        if grey not in self._noise:
-            shape: tuple[int, ...] = (height + _NOISE_MARGIN, width + _NOISE_MARGIN)
-            rng = np.random.default_rng([self._seed, 6])
-            noise = rng.normal(0.0, _PIXEL_NOISE, shape if grey else (*shape, 3))
-            self._noise[grey] = noise.round().astype(np.int16)
-        top = (frame * 29 + camera * 17) % _NOISE_MARGIN
-        left = (frame * 43 + camera * 31) % _NOISE_MARGIN
-        return self._noise[grey][top : top + height, left : left + width]
 
 
 def encode_image(picture: Picture, form: PngForm = PngForm.KITTI) -> Image:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from math import atan, atan2, cos, degrees, exp, hypot, log, pi, radians, sin, sqrt, tan
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -12,10 +13,11 @@ import numpy as np
 
 from ..model.errors import UsageError
 from ..model.geometry import Transform, rotation_from_rpy, rotation_to_rpy
+from ..model.lenses import MeiLens
 from ..model.samples import Calibration, CameraCalibration, OxtsPacket
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import numpy.typing as npt
 
@@ -309,19 +311,27 @@ _UNIT_RPY = (-0.0139, -0.0023, 0.0011)
 _VELO_P_UNIT = (-0.8104, 0.3203, -0.8012)
 
 
-def make_calibration(image_size: tuple[int, int] = FULL_SIZE) -> Calibration:
-    """Return the rig, its numbers rounded to the seven digits of KITTI's files."""
-    r0_rect = _rounded(rotation_from_rpy(*_RECTIFYING_RPY))
+def make_calibration(image_size: tuple[int, int] = FULL_SIZE, digits: int = 7) -> Calibration:
+    """Return the rig, its numbers rounded to digits, of which KITTI's files have seven."""
+    rounded = partial(_rounded, digits=digits)
+    r0_rect = rounded(rotation_from_rpy(*_RECTIFYING_RPY))
     rect_r_velo = _CAMERA_FROM_SCANNER_AXES @ rotation_from_rpy(0.0, 0.0, _SCANNER_YAW_IN_CAMERA)
     return Calibration(
-        cameras={index: _camera(index, image_size, r0_rect) for index in range(len(_OFFSETS))},
+        cameras={
+            index: _camera(index, image_size, r0_rect, rounded) for index in range(len(_OFFSETS))
+        },
         r0_rect=r0_rect,
-        cam0_T_velo=Transform(_rounded(r0_rect.T @ rect_r_velo), np.array(_CAM0_P_VELO)),
-        velo_T_imu=Transform(_rounded(rotation_from_rpy(*_UNIT_RPY)), np.array(_VELO_P_UNIT)),
+        cam0_T_velo=Transform(rounded(r0_rect.T @ rect_r_velo), np.array(_CAM0_P_VELO)),
+        velo_T_imu=Transform(rounded(rotation_from_rpy(*_UNIT_RPY)), np.array(_VELO_P_UNIT)),
     )
 
 
-def _camera(index: int, image_size: tuple[int, int], r0_rect: Float64Array) -> CameraCalibration:
+def _camera(
+    index: int,
+    image_size: tuple[int, int],
+    r0_rect: Float64Array,
+    rounded: Callable[[Float64Array], Float64Array],
+) -> CameraCalibration:
     scale = np.array(image_size) / np.array(FULL_SIZE)
     # Pixel (0, 0) is the first pixel's centre, half a pixel from the image's corner.
     (cx, cy) = (np.array(_CENTRE) + 0.5) * scale - 0.5
@@ -331,17 +341,58 @@ def _camera(index: int, image_size: tuple[int, int], r0_rect: Float64Array) -> C
     r_rect = r0_rect @ cam_r_cam0.T
     (fx, fy), (raw_cx, raw_cy) = _RAW_FOCALS[index], _RAW_CENTRES[index]
     return CameraCalibration(
-        p_rect=_rounded(np.column_stack([k_rect, k_rect @ offset])),
+        p_rect=rounded(np.column_stack([k_rect, k_rect @ offset])),
         size=image_size,
         k=np.array([[fx, 0, raw_cx], [0, fy, raw_cy], [0, 0, 1]]),
         d=np.array(_DISTORTIONS[index]),
-        r_rect=_rounded(r_rect),
-        cam_T_cam0=Transform(_rounded(cam_r_cam0), _rounded(r_rect.T @ offset)),
+        r_rect=rounded(r_rect),
+        cam_T_cam0=Transform(rounded(cam_r_cam0), rounded(r_rect.T @ offset)),
     )
 
 
-def _rounded(values: Float64Array) -> Float64Array:
-    return np.array([float(f'{value:.6e}') for value in values.ravel()]).reshape(values.shape)
+# Two fisheyes on its sides, of the magnitude of KITTI-360's: they see 98 and 99 degrees off their
+# axes. Beside FULL_SIZE, images are 0.4 times as large as those, which are drawn as fast.
+
+FISHEYES = {2: 1.0, 3: -1.0}
+"""By camera the side that it looks to, 1 is left."""
+
+_FISHEYE_SIZE = 1400
+_FISHEYE_SCALE = 0.4
+_FISHEYE_FOCALS = ((1320.4, 1319.7), (1450.6, 1450.1))
+_FISHEYE_CENTRES = ((712.5, 704.25), (697.75, 701.5))
+_FISHEYE_LENSES = (
+    MeiLens(2.19, np.array([0.021, 1.63, 3.1e-4, -4.4e-4])),
+    MeiLens(2.48, np.array([0.045, 3.8, -2.2e-4, 5.3e-4])),
+)
+_FISHEYE_TILTS = ((0.012, -0.021, 0.017), (-0.009, 0.015, 0.024))
+_VELO_P_FISHEYES = ((-0.0512, 0.4437, 0.2315), (-0.0674, -0.4509, 0.2388))
+
+
+def make_fisheyes(image_size: tuple[int, int]) -> dict[int, CameraCalibration]:
+    """Return the fisheyes beside rectified images of a size."""
+    side = max(16, round(_FISHEYE_SIZE * _FISHEYE_SCALE * image_size[0] / FULL_SIZE[0]))
+    scale = side / _FISHEYE_SIZE
+    cameras = {}
+    for index, (camera, left) in enumerate(FISHEYES.items()):
+        (fx, fy), (cx, cy) = _FISHEYE_FOCALS[index], _FISHEYE_CENTRES[index]
+        k = np.array([
+            [fx * scale, 0, (cx + 0.5) * scale - 0.5, 0],
+            [0, fy * scale, (cy + 0.5) * scale - 0.5, 0],
+            [0, 0, 1, 0],
+        ])  # fmt: skip
+        axes = np.array([[left, 0, 0], [0, 0, left], [0, -1, 0]])
+        tilt = rotation_from_rpy(*_FISHEYE_TILTS[index])
+        velo_t_cam = Transform(axes @ tilt, np.array(_VELO_P_FISHEYES[index]))
+        cameras[camera] = CameraCalibration(
+            k, size=(side, side), cam_T_velo=velo_t_cam.inverse(), lens=_FISHEYE_LENSES[index]
+        )
+    return cameras
+
+
+def _rounded(values: Float64Array, digits: int) -> Float64Array:
+    return np.array([float(f'{value:.{digits - 1}e}') for value in values.ravel()]).reshape(
+        values.shape
+    )
 
 
 # The objects of the synthetic street: upright boxes in lanes beside the ego lane.

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import atan2, ceil, floor, hypot, pi
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -335,6 +336,40 @@ def label_solids(
     return sorted(boxes, key=lambda box: box.track_id or 0)
 
 
+def box_solids(
+    placed: Sequence[PlacedSolid], hits: Int64Array, rect_T_velo: Transform, frame: int
+) -> list[Box]:
+    """Return the boxes of the objects that the scanner sees, whatever the cameras do, by track id.
+
+    Args:
+        placed: The boxes, in velo_link.
+        hits: Indices in placed of what rays hit, or -1.
+        rect_T_velo: velo_link to the rectified camera 0.
+        frame: File number.
+    """
+    hit = [placed[index] for index in np.unique(hits).tolist() if index >= 0]
+    boxes = [_place(one, rect_T_velo, frame) for one in hit if one.solid.class_name is not None]
+    return sorted(boxes, key=lambda box: box.track_id or 0)
+
+
+def _place(one: PlacedSolid, rect_T_velo: Transform, frame: int) -> Box:
+    """Return the box of a solid, unseen by any camera."""
+    (x, y, z), rotation_y = box_to_rect(one.centre, one.yaw, rect_T_velo)
+    length, width, height = one.solid.size
+    return Box(
+        class_name=str(one.solid.class_name),
+        truncated=-1.0,
+        occluded=-1,
+        alpha=float(alpha_of((x, y, z), rotation_y)[0]),
+        box_2d=(-1.0, -1.0, -1.0, -1.0),
+        size_hwl=(height, width, length),
+        location=(float(x), float(y), float(z)),
+        rotation_y=rotation_y,
+        frame=frame,
+        track_id=one.solid.track_id,
+    )
+
+
 def box_corners(one: PlacedSolid) -> Float64Array:
     """Return the (8, 3) corners of a solid in velo_link, the bottom four, then the top four."""
     footprint = np.array(one.footprint())
@@ -352,23 +387,16 @@ def _label(
 ) -> Box | None:
     """Return the box of a solid, None if it is too far or hardly in the image."""
     p_rect, (height, width) = camera
-    (x, y, z), rotation_y = box_to_rect(one.centre, one.yaw, rect_T_velo)
     bounds = project_corners(rect_T_velo.apply(box_corners(one))[None], p_rect)
     cut, truncation = clip_bounds(bounds, (width, height))
     truncated = float(truncation[0])
-    if not 0 < z < FARTHEST or truncated > MOST_TRUNCATED:
+    box = _place(one, rect_T_velo, frame)
+    if not 0 < box.location[2] < FARTHEST or truncated > MOST_TRUNCATED:
         return None
     left, top, right, bottom = cut[0].tolist()
-    length, box_width, box_height = one.solid.size
-    return Box(
-        class_name=str(one.solid.class_name),
+    return replace(
+        box,
         truncated=truncated,
         occluded=next(level for least, level in _OCCLUDED if visible >= least),
-        alpha=float(alpha_of((x, y, z), rotation_y)[0]),
         box_2d=(left, top, right, bottom),
-        size_hwl=(box_height, box_width, length),
-        location=(float(x), float(y), float(z)),
-        rotation_y=rotation_y,
-        frame=frame,
-        track_id=one.solid.track_id,
     )

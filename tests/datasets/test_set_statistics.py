@@ -88,11 +88,13 @@ def test_every_layout(recording_path):
     assert total.samples['scan'] == len(recording.streams[Stream.SCAN])
     if Stream.LABELS in recording.streams:
         assert total.objects > 0
-        assert total.labelled == 5
+        assert total.labelled == len(recording.streams[Stream.LABELS]) >= 4
     if Stream.POSE not in recording.streams:
         assert total.route is None
     else:
-        assert total.route.speed_m_s.mean == pytest.approx(total.route.length_m / 0.4, rel=0.1)
+        seconds = 0.1 * (len(recording.streams[Stream.POSE]) - 1)
+        speed = total.route.length_m / seconds
+        assert total.route.speed_m_s.mean == pytest.approx(speed, rel=0.1)
         assert total.route.speed_m_s.deviation < 1
 
 

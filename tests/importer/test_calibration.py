@@ -360,6 +360,9 @@ SEVEN_DIGITS = 1e-6
 @pytest.mark.parametrize('layout', list(Layout))
 def test_the_synthetic_rig_comes_back_from_its_messages(recordings, layout):
     rig = open_recording(recordings[layout]).calibration(0)
+    # No CameraInfo of ROS describes a fisheye of the MEI model.
+    cameras = {index: camera for index, camera in rig.cameras.items() if camera.lens is None}
+    rig = replace(rig, cameras=cameras)
     calib, notes = through_messages(rig, rectified=True)
     assert_same(calib, rig, SEVEN_DIGITS)
     assert notes == ()

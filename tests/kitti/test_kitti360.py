@@ -295,6 +295,7 @@ def test_a_level_below_is_opened(real_360, below):
 def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
     """Drive 0018 is the beginning of 0002; its files begin at 4391, its stamps at 0."""
     shutil.copytree(recordings[Layout.KITTI_360], tmp_path / 'set')
+    shutil.rmtree(tmp_path / 'set/data_3d_bboxes')
     for folder in [*(tmp_path / 'set').glob('data_*/*')]:
         folder.rename(folder.with_name(D.format('0002')))
     for folder in (tmp_path / 'set').glob('data_*/*/*/data*'):
@@ -305,7 +306,7 @@ def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
             path.rename(path.with_name(f'{int(path.stem) + 4391:010d}{path.suffix}'))
     recording = open_recording(tmp_path / 'set')
     assert not recording.losses
-    assert sum('begin at 4391; drive 0018' in note for note in recording.notes) == 3
+    assert sum('begin at 4391; drive 0018' in note for note in recording.notes) == 6
     assert recording.streams[Stream.SCAN].numbers[0] == 4391
     convert_recording(tmp_path / 'set', tmp_path / 'bag.mcap')
     with kitti_ros2.open(tmp_path / 'bag.mcap') as bag:

@@ -159,7 +159,7 @@ class Cut:
 
 
 CALIB = r'calib\w*\.txt|calib/\d+\.txt|calibration/'
-OTHER_TEXTS = r'tracklet_labels\.xml|dataformat\.txt|ImageSets/|poses/'
+OTHER_TEXTS = r'tracklet_labels\.xml|dataformat\.txt|ImageSets/|poses/|data_3d_bboxes/'
 CUTS = {
     'latest latched': Cut(latest_latched),
     'sorted by topic': Cut(by_topic),

@@ -55,6 +55,10 @@ def written(tmp_path_factory):
     return write
 
 
+def image_of(recording, index):
+    return 'image_raw' if index in recording.layout.traits.raw_cameras else 'image_rect'
+
+
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize('container', CONTAINERS)
 def test_counts_equal_file_counts(recording_path, written, container):
@@ -70,7 +74,7 @@ def test_counts_equal_file_counts(recording_path, written, container):
     expected |= {
         f'/kitti/camera_{name}/{topic}': Stream(f'image_{index}')
         for index, name in recording.cameras.items()
-        for topic in ('camera_info', 'image_rect/compressed')
+        for topic in ('camera_info', f'{image_of(recording, index)}/compressed')
     }
     for topic, stream in expected.items():
         assert report.counts.get(topic, 0) == files.get(stream, 0), topic
@@ -90,13 +94,15 @@ def test_payloads_are_the_files_own_bytes(recording_path, written, container):
     for index, name in recording.cameras.items():
         stream = Stream(f'image_{index}')
         paths = [recording.path(stream, n) for n in recording.streams[stream].numbers.tolist()]
-        images = found[f'/kitti/camera_{name}/image_rect/compressed']
+        images = found[f'/kitti/camera_{name}/{image_of(recording, index)}/compressed']
+        size = recording.calibration(0).cameras[index].size
         infos = found[f'/kitti/camera_{name}/camera_info']
         for path, (log_ns, image), (_, info) in zip(paths, images, infos, strict=True):
             assert image.data.tobytes() == path.read_bytes()
             assert image.header == info.header
             assert log_ns == stamp_ns_of(image.header)
-            assert (info.width, info.height) == SMALL.image_size
+            assert (info.width, info.height) == size
+            assert index in recording.layout.traits.raw_cameras or size == SMALL.image_size
 
 
 def test_text_files_travel_verbatim(recording_path, written):
@@ -115,7 +121,7 @@ def test_text_files_travel_verbatim(recording_path, written):
     texts = {
         path.relative_to(recording.root).as_posix(): path.read_bytes().decode()
         for path in recording.root.rglob('*')
-        if path.suffix in {'.txt', '.xml'}
+        if path.suffix in {'.txt', '.xml', '.yaml'}
     }
     assert texts
     assert carried == texts
@@ -213,9 +219,11 @@ def test_image_topics_of_each_layout(recordings, tmp_path, layout, preset):
     image = 'image_raw' if raw else 'image_rect'
     found = {topic for topic, count in report.counts.items() if count and '/camera_' in topic}
     found = {topic for topic in found if not topic.endswith('camera_info')}
-    cameras = {'0', '1'} if layout is Layout.KITTI_360 else {'color_left', 'color_right'}
-    cameras |= {'gray_left', 'gray_right'} if layout in {Layout.RAW, Layout.ODOMETRY} else set()
-    names = {f'/kitti/camera_{camera}/{image}' for camera in cameras}
+    traits = layout.traits
+    names = {f'/kitti/camera_{traits.camera_names[index]}/{image}' for index in traits.cameras}
+    names |= {
+        f'/kitti/camera_{traits.camera_names[index]}/image_raw' for index in traits.raw_cameras
+    }
     assert found == names | {f'{name}/compressed' for name in names}
 
 

@@ -105,30 +105,30 @@ def first_word(value: str):
 
 
 def scaled(root: Path, n: int) -> Path:
-    words = (root / POSES).read_text().splitlines()[n].split()
-    return set_word(root / POSES, n + 1, 1, f'{float(words[1]) * 1.2:.6f}')
+    words = (root / POSES).read_text().splitlines()[n - 1].split()
+    return set_word(root / POSES, n, 1, f'{float(words[1]) * 1.2:.6f}')
 
 
 def on_its_side(root: Path, n: int) -> Path:
-    rows = np.array((root / POSES).read_text().splitlines()[n].split()[1:], float).reshape(3, 4)
+    rows = np.array((root / POSES).read_text().splitlines()[n - 1].split()[1:], float).reshape(3, 4)
     rows[:, :3] = rows[:, :3] @ [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     words = ' '.join(f'{value:.10f}' for value in rows.ravel())
-    return edit_line(root / POSES, n + 1, lambda _: f'{n} {words}')
+    return edit_line(root / POSES, n, lambda _: f'{n} {words}')
 
 
 def shifted_by_a_frame(root: Path, _: int) -> Path:
     """The poses by position instead of their number."""
     path = root / POSES
     rows = [line.split(' ', 1)[1] for line in path.read_text().splitlines()]
-    path.write_text(''.join(f'{n + 1} {row}\n' for n, row in enumerate(rows)))
+    path.write_text(''.join(f'{n} {row}\n' for n, row in enumerate(rows)))
     return root / CAMERAS
 
 
 def z_up(root: Path, n: int) -> Path:
     """A pose of imu_link, as other programs write them."""
-    words = (root / POSES).read_text().splitlines()[n].split()
+    words = (root / POSES).read_text().splitlines()[n - 1].split()
     turned = [negative(word) if i % 4 in (2, 3) else word for i, word in enumerate(words)]
-    return edit_line(root / POSES, n + 1, lambda _: ' '.join([words[0], *turned[1:]]))
+    return edit_line(root / POSES, n, lambda _: ' '.join([words[0], *turned[1:]]))
 
 
 def negative(word: str) -> str:
@@ -175,45 +175,22 @@ def with_sick(name: str, damage, *rest: object):
     return plant
 
 
-FISHEYE = """%YAML:1.0
-model_type: MEI
-camera_name: image_02
-image_width: 1400
-image_height: 1400
-mirror_parameters:
-   xi: 2.2
-distortion_parameters:
-   k1: 0.01
-   k2: 0
-   p1: 0
-   p2: 0
-projection_parameters:
-   gamma1: 1500
-   gamma2: 1500
-   u0: 700
-   v0: 700
-"""
-TO_THE_LEFT = 'image_02: 1 0 0 0.7 0 0 -1 -0.1 0 1 0 -1.1'
-"""x forward, y down, z to the left, in a frame of x forward, y right, z down."""
+TO_THE_RIGHT = 'image_02: 1 0 0 0.7 0 0 1 0.1 0 -1 0 -1.1'
+"""x forward, y up, z to the right, in a frame of x forward, y right, z down."""
 
 
 def fisheye(root: Path, *changes: str) -> Path:
-    """Add a fisheye with other values of some keys."""
-    text = FISHEYE
+    """Give a fisheye other values of some keys."""
+    path = root / 'calibration/image_02.yaml'
+    text = path.read_text()
     for line in ''.join(changes).splitlines():
         key = line.partition(':')[0]
         text = ''.join(
             f'{line}\n' if each.startswith(f'{key}:') else each
             for each in text.splitlines(keepends=True)
         )
-    add_line(root / TO_POSE, TO_THE_LEFT)
-    path = root / 'calibration/image_02.yaml'
     path.write_text(text)
     return path
-
-
-def to_the_right(_: str) -> str:
-    return TO_THE_LEFT.replace('-1 -0.1 0 1', '1 0.1 0 -1')
 
 
 _ROWS = (
@@ -249,22 +226,22 @@ _ROWS = (
     ('stamps empty', 'file-empty', whole(f'{RIGHT}/{_T}', empty), (), True),
     ('no stamps at all', 'stamps-missing', no_stamps, (), True),
     ('pose of 11 numbers', 'pose-line', lambda root, n: edit_line(
-        root / POSES, n + 1, lambda line: line.rsplit(' ', 1)[0])),
+        root / POSES, n, lambda line: line.rsplit(' ', 1)[0])),
     ('pose without a frame', 'pose-line', lambda root, n: set_word(
-        root / POSES, n + 1, 0, 'x')),
+        root / POSES, n, 0, 'x')),
     ('pose of a frame twice', 'pose-line', lambda root, n: add_line(
-        root / POSES, (root / POSES).read_text().splitlines()[n])),
-    ('pose with NaN', 'pose-line', lambda root, n: set_word(root / POSES, n + 1, 4, 'nan')),
+        root / POSES, (root / POSES).read_text().splitlines()[n - 1])),
+    ('pose with NaN', 'pose-line', lambda root, n: set_word(root / POSES, n, 4, 'nan')),
     ('pose that is no rotation', 'pose-rotation', scaled),
     ('vehicle on its side', 'pose-tilt', on_its_side),
-    ('pose far away', 'pose-jump', lambda root, n: set_word(root / POSES, n + 1, 12, '500')),
+    ('pose far away', 'pose-jump', lambda root, n: set_word(root / POSES, n, 12, '500')),
     ('poses by position', 'texts-contradict', shifted_by_a_frame, (), True),
     ('camera pose moved', 'texts-contradict', lambda root, n: set_word(
-        root / CAMERAS, n + 1, 4, '12.5')),
+        root / CAMERAS, n, 4, '12.5')),
     ('camera pose cut', 'texts-contradict', lambda root, n: edit_line(
-        root / CAMERAS, n + 1, lambda line: line.strip().rsplit(' ', 1)[0])),
+        root / CAMERAS, n, lambda line: line.strip().rsplit(' ', 1)[0])),
     ('poses of other frames', 'data-unusable', lambda root, n: set_word(
-        root / POSES, n + 1, 0, '900').with_name('poses.txt') and root / VELODYNE / _T),
+        root / POSES, n, 0, '900').with_name('poses.txt') and root / VELODYNE / _T),
     ('no poses', 'stream-missing', lambda root, _: folder_gone(
         (root / POSES).parent) / 'poses.txt', (), True),
     ('calibration missing', 'calib-missing', whole(TO_VELO, gone), (), True),
@@ -281,8 +258,8 @@ _ROWS = (
         PERSPECTIVE, set_key, 'K_00', lambda words: [*words[:-1], '7']), (), True),
     ('GPS/IMU with z up', 'calib-mounts', whole(
         TO_POSE, edit_line, 1, turned_over), (), True),
-    ('fisheyes exchanged', 'calib-mounts', lambda root, _: edit_line(
-        fisheye(root, '').parent / 'calib_cam_to_pose.txt', 3, to_the_right), (), True),
+    ('fisheyes exchanged', 'calib-mounts', whole(
+        TO_POSE, edit_line, 3, lambda _: TO_THE_RIGHT), (), True),
     ('fisheye of another camera', 'calib-value', lambda root, _: fisheye(
         root, 'camera_name: image_03'), (), True),
     ('fisheye of no pixels', 'calib-value', lambda root, _: fisheye(
@@ -290,15 +267,15 @@ _ROWS = (
     ('fisheye of another model', 'calib-value', lambda root, _: fisheye(
         root, 'model_type: EUCM'), (), True),
     ('fisheye of an image half as large', 'calib-fisheye', lambda root, _: fisheye(
-        root, '   gamma1: 3000\n   gamma2: 3000'), (), True),
+        root, '   gamma1: 300\n   gamma2: 300'), (), True),
     ('distortion of another model', 'calib-fisheye', lambda root, _: fisheye(
         root, '   k1: -50'), (), True),
     ('poses of the camera as those of the GPS/IMU', 'pose-line', lambda root, n: edit_line(
-        root / POSES, n + 1, lambda line: f'{line} 0 0 0 1')),
+        root / POSES, n, lambda line: f'{line} 0 0 0 1')),
     ('poses with z up', 'pose-tilt', z_up),
     ('poses in another order', 'pose-order', reversed_poses, (), True),
     ('pose far away after a hole', 'pose-jump', lambda root, n: set_word(
-        edit_line(root / POSES, n, lambda _: '') and root / POSES, n + 1, 12, '500'), (), True),
+        edit_line(root / POSES, n - 1, lambda _: '') and root / POSES, n, 12, '500'), (), True),
     ('folder of poses without _sync', 'data-unusable', whole(
         f'data_poses/{D}', renamed, D.removesuffix('_sync')), (), True),
     ('line scan of 0 bytes', 'file-empty', of_sick(empty)),
