@@ -590,11 +590,14 @@ def _read_recording(path: Path, recording: NumberedRecording, progress: Progress
             f' none of {SPLITS[1]}); give label_2 of {SPLITS[0]}, or a drive or sequence that has'
             f' labels'
         )
-    numbers = set(recording.streams[Stream.LABELS].numbers.tolist())
-    if not recording.layout.traits.frame_set:
-        for stream in {Stream.SCAN, Stream.IMAGE_2} & recording.streams.keys():
-            numbers |= {*recording.streams[stream].numbers.tolist()}
-    labelled = {*recording.streams[Stream.LABELS].numbers.tolist()}
+    of_stream = {stream: {*index.numbers.tolist()} for stream, index in recording.streams.items()}
+    labelled = of_stream[Stream.LABELS]
+    traits, numbers = recording.layout.traits, set(labelled)
+    if traits.world_boxes:  # those of a frame without a pose are not known
+        numbers |= of_stream.get(Stream.SCAN, set()) & of_stream.get(Stream.POSE, set())
+    elif not traits.frame_set:
+        for stream in (Stream.SCAN, Stream(f'image_{traits.main_camera}')):
+            numbers |= of_stream.get(stream, set())
     tracks = TrackIds()
     boxes: dict[int, Sequence[Box]] = {}
     losses: list[Loss] = []

@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import pytest
 
-from kitti_ros2.evaluation.ground_truth import PlayedTime, frames_of
+from kitti_ros2.evaluation.ground_truth import PlayedTime, frames_of, read_ground_truth
 from kitti_ros2.kitti.opening import open_recording
-from kitti_ros2.model.streams import Layout, Stream
+from kitti_ros2.model.streams import FRAME_STREAMS, Layout, Stream
+from kitti_ros2.options.read import ReadOptions
 
+from builders import convert_recording  # isort: skip
 from folder_and_bag import make_holes  # isort: skip
 
 
@@ -20,7 +22,9 @@ def holed(request, recordings, tmp_path):
 
 def test_stamps_of_every_sensor_are_those_of_their_frame(holed):
     frames = frames_of(holed)
-    image = Stream(f'image_{holed.layout.traits.main_camera}')
+    image = next(
+        stream for stream in FRAME_STREAMS if stream.camera is not None and stream in holed.streams
+    )
     for stream in (Stream.SCAN, image):
         index = holed.streams[stream]
         for number, stamp in zip(index.numbers.tolist(), index.stamps_ns.tolist(), strict=True):
@@ -29,6 +33,21 @@ def test_stamps_of_every_sensor_are_those_of_their_frame(holed):
     for number, turn in holed.turns.items():
         assert frames.nearest(turn.start_ns) == (number, 0)
     assert frames.numbers == sorted(set(frames.numbers))
+
+
+LABELLED = [layout for layout in Layout if Stream.LABELS in layout.traits.streams]
+
+
+@pytest.mark.parametrize('layout', LABELLED)
+def test_frames_of_the_ground_truth(layout, recordings, tmp_path):
+    """A frame of KITTI-360 without a pose has no known boxes, which is another thing than none."""
+    expected = [1, 2, 3, 4] if layout.traits.world_boxes else [0, 1, 2, 3, 4]
+    convert_recording(recordings[layout], tmp_path / 'bag.mcap')
+    for path in (recordings[layout], tmp_path / 'bag.mcap'):
+        truth = read_ground_truth(path, ReadOptions())
+        assert not truth.losses
+        assert sorted(truth.boxes) == expected
+        assert all(truth.boxes.values())
 
 
 def test_what_is_too_far_belongs_to_no_frame(holed):
