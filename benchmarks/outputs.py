@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 LAYOUTS = ('raw', 'object', 'odometry', 'tracking')
+SYNTHETIC = (*LAYOUTS, 'kitti360')  # which is not made of bags of others
 COMMANDS = ('to-bag', 'to-kitti', 'recover', 'info', 'view', 'report', 'crop', 'demo', 'play')
 WAYS = {
     'mcap': ('.mcap',),
@@ -156,7 +157,7 @@ def _views(outputs: Outputs, source: str, name: str) -> None:
 def synthetic(folder: Path) -> list[str]:
     """Synthetic recordings of all layouts, and the path of each."""
     made = []
-    for layout in LAYOUTS:
+    for layout in SYNTHETIC:
         Outputs(folder).run('demo', layout, '--layout', layout, '--count', '3', '-q')
         made.append(f'{layout}/kitti')
     return made

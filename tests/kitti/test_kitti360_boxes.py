@@ -12,11 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import kitti_ros2
 from kitti_ros2.datasets import crop
 from kitti_ros2.kitti.extract_oxts import add_extract
-from kitti_ros2.kitti.kitti360_boxes import LABELS, LEAST_POINTS, BoxIndex, parse_world_boxes
+from kitti_ros2.kitti.kitti360_boxes import (
+    LABELS,
+    LEAST_POINTS,
+    BoxIndex,
+    WorldBox,
+    format_world_boxes,
+    label_of,
+    parse_world_boxes,
+)
 from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import format_packet, parse_packet
 from kitti_ros2.messages.naming import make_rig
@@ -339,6 +349,54 @@ def test_classes_and_ids_of_instance_images(label, class_name, track):
     assert box.frame is None
 
 
+def turned(yaw: float, pitch: float = 0.0) -> np.ndarray:
+    c, s, d, t = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [[d, 0, t], [0, 1, 0], [-t, 0, d]]
+
+
+numbers = st.integers(0, 10_000)
+coordinates = st.floats(-1e4, 1e4)
+angles = st.floats(-3.1, 3.1)
+written_boxes = st.builds(
+    lambda label, track, angles, place, size, window, frame: WorldBox(
+        label, label, track, Transform(turned(*angles), np.array(place)), size,
+        (min(window), max(window)), frame,
+    ),
+    st.sampled_from(sorted(KITTI_IDS)),
+    st.integers(1, 10**6),
+    st.tuples(angles, angles),
+    st.tuples(coordinates, coordinates, coordinates),
+    st.tuples(*[st.floats(0.1, 30)] * 3),
+    st.tuples(numbers, numbers),
+    st.one_of(st.none(), numbers),
+)  # fmt: skip
+
+
+@given(st.lists(written_boxes, max_size=6, unique_by=lambda box: (box.label, box.track_id)))
+def test_a_written_file_is_read_again(boxes):
+    text = format_world_boxes(boxes)
+    again, errors, shapes = parse_world_boxes(text.encode(), 'x.xml')
+    assert not errors
+    assert not shapes
+    seen: dict[str, int] = {}
+    for box, read in zip(boxes, again, strict=True):
+        seen[box.label] = seen.get(box.label, 0) + 1
+        assert read.track_id == LABELS[KITTI_IDS[box.label]][0] * 1000 + seen[box.label]
+        assert (read.label, read.window, read.frame) == (box.label, box.window, box.frame)
+        assert read.size_lwh == pytest.approx(box.size_lwh, rel=1e-6)
+        place = box.world_T_box.matrix()
+        np.testing.assert_allclose(read.world_T_box.matrix(), place, atol=1e-4)
+
+
+def test_labels_of_no_class_of_the_data_set_are_refused():
+    assert [label_of(name) for name in ('Car', 'Van', 'Tram', 'rider')] == [
+        'car', 'car', 'train', 'rider',
+    ]  # fmt: skip
+    box = WorldBox('Robot', label_of('Robot'), 1, Transform.identity(), (1.0, 1.0, 1.0))
+    with pytest.raises(ValueError, match=r"'Robot' is no label of KITTI-360"):
+        format_world_boxes([box])
+
+
 def test_ids_are_unique_in_a_frame():
     items = [
         Item(np.eye(4), 7),
@@ -366,11 +424,6 @@ def test_the_dialect_of_drive_0004():
     boxes = parse_world_boxes(out.encode(), 'x.xml').boxes
     assert [box.track_id for box in boxes] == [1000001, 2000001, 2000002]
     assert {box.class_name for box in boxes} == {'Car'}
-
-
-def turned(yaw: float, pitch: float = 0.0) -> np.ndarray:
-    c, s, d, t = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ [[d, 0, t], [0, 1, 0], [-t, 0, d]]
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: The kitti_ros2 authors
 # SPDX-License-Identifier: Apache-2.0
-"""The synthetic fisheyes: points of the scan, projected by the files, fall on what they hit."""
+"""The synthetic recording as KITTI-360: fisheyes that show what points fall on, poses, scans."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 import kitti_ros2
+from kitti_ros2.kitti.scan_grid import grid_share
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.synthetic import SyntheticDrive, SyntheticOptions, write_synthetic
 from kitti_ros2.synthetic.render import NOTHING
@@ -105,6 +107,33 @@ def test_images_show_the_objects(made, camera: int) -> None:
     differs = np.abs(image - empty).max(axis=2) > 0
     assert not differs[canvas.ids == NOTHING].any()
     assert differs[canvas.ids != NOTHING].mean() > 0.9
+
+
+def test_scans_are_on_no_grid(made) -> None:
+    """As those of KITTI-360; and the same points as in KITTI's layouts, which are on one."""
+    points = made.scan(FRAME).points
+    steps = points[:, 3].astype(np.float64) * 256
+    np.testing.assert_array_equal(steps, np.rint(steps))
+    assert points[:, 3].max() < 1
+    assert grid_share(points[:, :3].astype(np.float64)) < 0.1
+    on_grid = SyntheticDrive(OPTIONS).scan(FRAME).points
+    assert grid_share(on_grid[:, :3].astype(np.float64)) > 0.99
+    np.testing.assert_allclose(points[:, :3], on_grid[:, :3], atol=6e-4)
+
+
+def test_poses_have_the_digits_of_the_data_set(tmp_path: Path) -> None:
+    """%f and %d of MATLAB in turn, which writes an exponent unless the number is whole."""
+    options = replace(OPTIONS, frames=3, image_size=(16, 16), lidar_columns=16)
+    root = write_synthetic(tmp_path / 'set', Layout.KITTI_360, options)
+    (cameras,) = root.glob('data_poses/*/cam0_to_world.txt')
+    pair = r'-?\d+\.\d{6} (-?\d\.\d{6}e[+-]\d\d|-?\d+) '
+    for number, line in enumerate(cameras.read_text().splitlines(), 1):
+        assert re.fullmatch(f'{number} ({pair}){{6}}0.000000 0 0.000000 1 ', line)
+    for line in (root / cameras.parent / 'poses.txt').read_text().splitlines():
+        words = line.split(' ')[1:]
+        assert len(words) == 12
+        assert all(word == f'{float(word):.10g}' for word in words)
+        assert 1000 < np.hypot(float(words[3]), float(words[7])) < 5000
 
 
 def test_frames_without_movement_have_no_pose(tmp_path: Path) -> None:
