@@ -19,7 +19,7 @@ from ..kitti.scan_grid import compensated, on_grid
 from ..model.errors import OutputExistsError, UsageError
 from ..model.samples import Scan, rect_from_velo
 from ..model.streams import NS_PER_S, Layout, PngForm, Stream
-from .fisheye import Fisheye
+from .fisheye import FisheyeCamera
 from .render import Cameras, encode_image
 from .scene import (
     CAR_T_VELO,
@@ -255,10 +255,10 @@ class SyntheticDrive:
         return self._cameras.photograph(camera, frame, placed, projection, street_t_velo)
 
     @cached_property
-    def _fisheyes(self) -> dict[int, Fisheye]:
+    def _fisheyes(self) -> dict[int, FisheyeCamera]:
         cameras, seed = self.calibration.cameras, self.options.seed
         return {
-            camera: Fisheye(cameras[camera], seed, self._course)
+            camera: FisheyeCamera(cameras[camera], seed, self._course)
             for camera in self._traits.raw_cameras
         }
 

@@ -41,7 +41,7 @@ _BANDS = 6.0 * 2.0 ** np.arange(6)
 """Distances at which the ground changes to a coarser picture of the road, metres."""
 
 
-class Fisheye:
+class FisheyeCamera:
     """Draws the images of a camera with a lens.
 
     The matrix G of a face (see render) takes the unit ray of a pixel, instead of the pixel, to
