@@ -15,14 +15,7 @@ from ..files.image_files import decode_image, encode_png, parse_image
 from ..files.remote import as_path
 from ..kitti import names
 from ..kitti.kitti360_boxes import WorldBox, parse_world_boxes
-from ..kitti.label_file import (
-    Tracklet,
-    format_object_labels,
-    format_tracking_labels,
-    format_tracklets,
-    parse_labels,
-    parse_tracklets,
-)
+from ..kitti.label_file import format_object_labels, format_tracking_labels, parse_labels
 from ..kitti.scan_file import (
     HEAD_BYTES,
     find_mismatch,
@@ -46,6 +39,7 @@ from ..kitti.text_file import (
     parse_times,
     parse_timestamps,
 )
+from ..kitti.tracklet_file import Tracklet, format_tracklets, parse_tracklets
 from ..model.errors import BadFileError, MissingPathError, UnreadableFileError, UsageError
 from ..model.streams import ScanColumns
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..kitti.label_file import FULLY_OCCLUDED
+from ..kitti.tracklet_file import FULLY_OCCLUDED
 from ..messages.detections import (
     ABSURD,
     UNPLACED,

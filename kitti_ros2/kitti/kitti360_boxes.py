@@ -30,8 +30,8 @@ import numpy as np
 from ..model.boxes import Cuboid, count_points
 from ..model.errors import BadFileError, shown
 from ..model.geometry import Transform
-from .label_file import XmlParser
 from .text_file import check_count, parse_numbers
+from .tracklet_file import XmlParser
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

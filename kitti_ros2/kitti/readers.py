@@ -20,14 +20,7 @@ from ..options.read import ScanStamp
 from .archives import day_of_drive, describe_source
 from .calib_file import parse_raw_calibration
 from .kitti_recording import KittiRecording, no_calibration, pose_from_odometry
-from .label_file import (
-    TrackFile,
-    cuboids_by_frame,
-    frame_labels,
-    labels_of_tracklets,
-    parse_labels,
-    parse_tracklets,
-)
+from .label_file import TrackFile, frame_labels, parse_labels
 from .object_set import (
     ENDS,
     REAL_TIME,
@@ -40,6 +33,7 @@ from .object_set import (
 from .scan_file import parse_point_labels, parse_scan_text
 from .store import STORE, cached_listings
 from .text_file import Lines, packet_lines, parse_packet, parse_poses, parse_times, parse_timestamps
+from .tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,19 +18,17 @@ from ..model.errors import UsageError, format_count, runs_of
 from ..model.samples import rect_from_velo
 from ..model.streams import Layout, Stream
 from .calib_file import format_object, format_odometry, format_raw, format_tracking
-from .label_file import (
+from .label_file import fitting_decimals, format_object_labels, format_tracking_labels
+from .scan_file import format_point_labels, format_scan
+from .store import STORE
+from .text_file import format_packet, format_poses, format_times, format_timestamps
+from .tracklet_file import (
     TRUNCATION_CUT,
     TRUNCATION_IN_IMAGE,
     Tracklet,
     TrackletPose,
-    fitting_decimals,
-    format_object_labels,
-    format_tracking_labels,
     format_tracklets,
 )
-from .scan_file import format_point_labels, format_scan
-from .store import STORE
-from .text_file import format_packet, format_poses, format_times, format_timestamps
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

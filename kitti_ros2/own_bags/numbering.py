@@ -19,7 +19,7 @@ from ..bags.bag_files import path_of
 from ..bags.reader import bag_stamps, open_messages
 from ..kitti import names
 from ..kitti.find import LAYOUTS
-from ..kitti.label_file import cuboids_by_frame, parse_tracklets
+from ..kitti.tracklet_file import cuboids_by_frame, parse_tracklets
 from ..messages.cdr import peek_header
 from ..messages.naming import BagContext
 from ..messages.topics import decoders, own_topics

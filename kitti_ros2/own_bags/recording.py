@@ -23,8 +23,9 @@ from ..importer.bag_videos import open_video
 from ..kitti import names
 from ..kitti.calib_file import parse_calibration
 from ..kitti.find import LAYOUTS
-from ..kitti.label_file import labels_of_text, labels_of_tracklets
+from ..kitti.label_file import labels_of_text
 from ..kitti.text_file import parse_packet
+from ..kitti.tracklet_file import labels_of_tracklets
 from ..messages.cdr import stamp_ns_of
 from ..messages.detections import boxes_in
 from ..messages.naming import REST, BagContext, base_t_imu, every_naming

@@ -20,8 +20,9 @@ from kitti_ros2 import KittiRos2Error, KittiRos2Warning, datasets, to_bag
 from kitti_ros2.datasets import recording_statistics
 from kitti_ros2.datasets.set_statistics import find_sources
 from kitti_ros2.files.threads import worker_count
-from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, format_tracklets, parse_box
+from kitti_ros2.kitti.label_file import parse_box
 from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.tracklet_file import Tracklet, TrackletPose, format_tracklets
 from kitti_ros2.model.boxes import DONT_CARE
 from kitti_ros2.model.samples import Scan
 from kitti_ros2.model.streams import Layout, Stream

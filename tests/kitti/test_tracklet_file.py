@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kitti_ros2.kitti import label_file
-from kitti_ros2.kitti.label_file import (
+from kitti_ros2.kitti import tracklet_file
+from kitti_ros2.kitti.tracklet_file import (
     Tracklet,
     TrackletPose,
     cuboids_by_frame,
@@ -133,9 +133,9 @@ def test_entities_are_refused(data):
 
 def test_a_huge_file_is_refused_before_it_is_parsed(monkeypatch):
     data = written(ONE)
-    monkeypatch.setattr(label_file, 'MOST_BYTES', len(data))
+    monkeypatch.setattr(tracklet_file, 'MOST_BYTES', len(data))
     assert parse_tracklets(data, PATH) == [ONE]
-    monkeypatch.setattr(label_file, 'MOST_BYTES', len(data) - 1)
+    monkeypatch.setattr(tracklet_file, 'MOST_BYTES', len(data) - 1)
     text = complaint(data + b'no XML at all')
     assert f'{len(data) + 13} bytes; expected at most {len(data) - 1} bytes' in text
 

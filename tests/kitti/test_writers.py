@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kitti_ros2.kitti.calib_file import format_odometry, parse_calibration
-from kitti_ros2.kitti.label_file import Tracklet, TrackletPose, fitting_decimals, format_tracklets
+from kitti_ros2.kitti.label_file import fitting_decimals
 from kitti_ros2.kitti.scan_file import parse_scan
 from kitti_ros2.kitti.text_file import (
     COLUMNS,
@@ -25,6 +25,7 @@ from kitti_ros2.kitti.text_file import (
     parse_times,
     parse_timestamps,
 )
+from kitti_ros2.kitti.tracklet_file import Tracklet, TrackletPose, format_tracklets
 from kitti_ros2.kitti.writers import (
     DATAFORMAT,
     ObjectWriter,

@@ -11,7 +11,7 @@ from collections import Counter
 import pytest
 
 from kitti_ros2.drawing.labelled_objects import color_of
-from kitti_ros2.kitti.label_file import parse_tracklets
+from kitti_ros2.kitti.tracklet_file import parse_tracklets
 from kitti_ros2.model.errors import BadFileError
 from kitti_ros2.model.streams import Layout
 from kitti_ros2.options.messages import MarkerColors, MarkerOptions

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.kitti.label_file import format_tracklets, parse_tracklets
 from kitti_ros2.kitti.opening import open_recording
+from kitti_ros2.kitti.tracklet_file import format_tracklets, parse_tracklets
 from kitti_ros2.messages.camera_info import decode_static
 from kitti_ros2.messages.cdr import deserialize, join, serialize, stamp_ns_of, transform_of
 from kitti_ros2.messages.detections import cuboids_of_detections

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kitti_ros2.bags.reader import open_messages
-from kitti_ros2.kitti.label_file import cuboids_by_frame, format_tracklets, parse_tracklets
+from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, format_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import deserialize
 from kitti_ros2.messages.source_texts import decode_text
 from kitti_ros2.model.boxes import clip_bounds, project_corners, unit_corners

@@ -16,13 +16,7 @@ from kitti_ros2.kitti.kitti360 import parse_kitti360_poses
 from kitti_ros2.kitti.kitti360_boxes import BoxIndex, parse_world_boxes
 from kitti_ros2.kitti.kitti360_calib import format_kitti360_calibration, parse_kitti360_calibration
 from kitti_ros2.kitti.kitti_recording import MercatorWorld, pose_from_odometry, pose_from_packet
-from kitti_ros2.kitti.label_file import (
-    TrackFile,
-    cuboids_by_frame,
-    labels_of_text,
-    labels_of_tracklets,
-    parse_tracklets,
-)
+from kitti_ros2.kitti.label_file import TrackFile, labels_of_text
 from kitti_ros2.kitti.names import KITTI_360_CALIB, KITTI_360_POSES, parse_image_set
 from kitti_ros2.kitti.object_set import parse_journal, parse_mapping, parse_rand
 from kitti_ros2.kitti.scan_file import parse_point_labels, parse_scan, parse_scan_text
@@ -34,6 +28,7 @@ from kitti_ros2.kitti.text_file import (
     parse_times,
     parse_timestamps,
 )
+from kitti_ros2.kitti.tracklet_file import cuboids_by_frame, labels_of_tracklets, parse_tracklets
 from kitti_ros2.messages.cdr import serialize
 from kitti_ros2.messages.oxts import encode_fix, encode_imu, encode_odometry, encode_velocity
 from kitti_ros2.model.errors import BadFileError
@@ -303,11 +298,11 @@ TARGETS = (
     Target('tracklets', _tracklets,
            lambda: [*files('tracklet_labels.xml', Layout.RAW),
                     *_other_tracklets(), *samples('kitti/devkit/*tracklet*.xml', lines=90)],
-           ('kitti/label_file.py',),
+           ('kitti/tracklet_file.py',),
            (b'<item>', b'</item>', b'<!ENTITY a "b">', b'<tracklets>', b'<poses>', b'<h>'),
            is_text=True, long=_MANY),
     Target('world boxes', _world_boxes, lambda: [_WORLD_BOXES],
-           ('kitti/kitti360_boxes.py', 'kitti/label_file.py'),
+           ('kitti/kitti360_boxes.py', 'kitti/tracklet_file.py'),
            (b'<object2>', b'</object1>', b'<transform>', b'<data>', b'<timestamp>', b'-1'),
            is_text=True, long=_MANY),
     Target('oxts', _oxts,

@@ -167,7 +167,7 @@ _MOST_NAMES = 8
 _TRUTH_BAGS = 4
 """One in so many bags is also scored against a bag, whose survey costs more than all the rest."""
 _LABELS = 'kitti/label_file.py'
-_TRACKS = ('evaluation/track_metrics.py', 'kitti/label_file.py', _LABELS)
+_TRACKS = ('evaluation/track_metrics.py', _LABELS)
 TARGETS = (
     Target('trajectory', _trajectory, _trajectories, ('evaluation/trajectories.py',),
            (b'#', b',', b'0 0 0 0'), is_text=True, long=100_000),
@@ -175,11 +175,10 @@ TARGETS = (
            _tracker_files,
            _TRACKS, (b'DontCare', b'Cyclist'), is_text=True, long=100_000),
     Target('detections', _detections, _result_texts,
-           ('evaluation/detection.py', 'evaluation/ground_truth.py',
-            'kitti/label_file.py'),
+           ('evaluation/detection.py', 'evaluation/ground_truth.py', _LABELS),
            (SEPARATOR, b'DontCare'), is_text=True, short=100, long=100_000),
     Target('result_folder', _result_folder, _result_folders,
-           ('evaluation/ground_truth.py', 'kitti/label_file.py', _LABELS), (SEPARATOR, b'data/'),
+           ('evaluation/ground_truth.py', _LABELS), (SEPARATOR, b'data/'),
            is_text=True, short=100),
     Target('result_bag', _result_bag, _result_bags,
            ('evaluation/detection.py', 'evaluation/bag_results.py',
