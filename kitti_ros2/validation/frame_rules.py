@@ -14,6 +14,7 @@ import numpy as np
 
 from ..files.image_files import decode_image
 from ..kitti.scan_file import HEAD_BYTES, find_mismatch
+from ..kitti.scan_grid import on_grid
 from ..model.boxes import (
     alpha_of,
     box_corners,
@@ -416,6 +417,7 @@ def _find_blank(file: ImageFile) -> Iterator[Breach]:
 
 _FARTHEST_POINT_M = 250.0
 _NOT_METRES = 10_000.0
+_STEP_LIMIT = 1e-6  # float32 of hundredths is within 3e-8
 _COLUMNS = 4
 _LOOKED_AT = HEAD_BYTES // 16
 _FOLDED = 4096
@@ -430,11 +432,13 @@ class ScanFile:
         path: The file.
         points: (N, 4) float32, at least one.
         missing: Reason for missing labels of points.
+        on_grid: Whether scans of its layout are on KITTI's grid (see LayoutTraits).
     """
 
     path: Path
     points: Float32Array
     missing: str = ''
+    on_grid: bool = True
 
     @cached_property
     def bounds(self) -> tuple[list[float], list[float]]:
@@ -511,6 +515,25 @@ def _find_reflectance(scan: ScanFile) -> Iterator[Breach]:
         mismatch = find_mismatch([(scan.points[:_LOOKED_AT].tobytes(), scan.points.nbytes)])
         text = mismatch.problem if mismatch else f'reflectances from {low:g} to {high:g}'
         yield Breach(text, scan.path)
+
+
+@SCAN_RULES.add(
+    'scan-grid',
+    WARNING,
+    'Scans of KITTI-360 have 256ths of reflectance, not whole millimetres and hundredths',
+    "check that it is a scan of KITTI-360: KITTI's other scans have those, and another rig",
+)
+def _find_on_grid(scan: ScanFile) -> Iterator[Breach]:
+    points = scan.points[:_LOOKED_AT]
+    if scan.on_grid or (on_grid(points[:, :3]) != points[:, :3]).any():
+        return
+    reflectances = points[:, 3].astype(np.float64)
+    steps = {
+        count: np.abs(np.rint(reflectances * count) / count - reflectances).max()
+        for count in (100, 256)
+    }
+    if steps[100] < _STEP_LIMIT <= steps[256]:
+        yield Breach('whole millimetres, and hundredths of reflectance', scan.path)
 
 
 @SCAN_RULES.add(

@@ -233,7 +233,8 @@ class FrameChecks:
         if not isinstance(scan, Scan):
             return
         result.points = len(scan.points)
-        file = ScanFile(path, scan.points, next(iter(scan.missing.values()), ''))
+        on_grid = self._recording.layout.traits.scans_on_grid
+        file = ScanFile(path, scan.points, next(iter(scan.missing.values()), ''), on_grid)
         result.breaches += find_breaches(SCAN_RULES, file)
         if frame is not None:
             labelled = LabelledScan(frame, scan.points, boxes)

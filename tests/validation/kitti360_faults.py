@@ -11,6 +11,7 @@ import numpy as np
 from planting import (
     Fault,
     add_line,
+    change_points,
     cut,
     edit_line,
     empty,
@@ -28,6 +29,7 @@ from planting import (
 from sick_scans import SICK, add_sick, sick_file
 from sick_scans import TO_VELO as SICK_TO_VELO
 
+from kitti_ros2.kitti.scan_grid import on_grid
 from kitti_ros2.kitti.text_file import format_timestamps, parse_timestamps
 from kitti_ros2.model.streams import Layout
 
@@ -193,6 +195,13 @@ def fisheye(root: Path, *changes: str) -> Path:
     return path
 
 
+def put_on_grid(points):
+    """What KITTI's other scans have."""
+    points[:, :3] = on_grid(points[:, :3])
+    points[:, 3] = np.rint(points[:, 3] * 100) / 100
+    return points
+
+
 _ROWS = (
     ('scan of 0 bytes', 'file-empty', of(scan, empty)),
     ('scan cut inside a point', 'scan-size', of(scan, cut, -3)),
@@ -200,6 +209,7 @@ _ROWS = (
     ('scan of zeros', 'scan-constant', of(scan, set_points, _ALL, _ALL, 0)),
     ('scan in centimetres', 'scan-range', of(scan, set_points, slice(2, 5), 0, 4000)),
     ('reflectance 0 to 255', 'scan-reflectance', of(scan, set_points, slice(9), 3, 255)),
+    ('scan of a raw drive', 'scan-grid', of(scan, change_points, put_on_grid)),
     ('scan of 10 GB', 'file-huge', of(scan, make_huge)),
     ('pipe named like a scan', 'file-readable', of(scan, make_pipe)),
     ('folder named like a scan', 'file-readable', of(scan, make_folder)),
