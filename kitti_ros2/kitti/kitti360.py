@@ -92,6 +92,8 @@ _LARGEST_LEAN = np.cos(np.radians(60.0))
 _SAME_M, _SAME_ROTATION = 5e-3, 1e-4
 """Limits for the two files of poses; in 11 drives they differ by 5e-4 m and 5e-7."""
 _KEPT_SCANS = 4
+_LAST_OF_0018 = 3750
+"""The last frame with a pose of drive 0018; up to there drive 0002 lists the same poses."""
 _NOT_READ = ('data_2d_semantics', 'data_3d_semantics', *names.KITTI_360_TEST_SLAM)
 
 LEANING = 'poses lean by more than 60 degrees, or their z is not down'
@@ -260,6 +262,8 @@ class Kitti360Recording(KittiRecording):
             if self._calibration.nominal:
                 self.notes.append(f'{path}: carried to imu_link by a nominal calibration')
         self.notes.append(f'{path}: {_describe_holes(numbers)}')
+        if self.name == RENAMED[0] and numbers[0] <= _LAST_OF_0018:
+            self.notes.append(f"{path}: poses to frame {_LAST_OF_0018} are drive 0018's, too")
         if not self._stamps:
             self._add_nominal(Stream.POSE, np.array(numbers, dtype=np.int64), None)
             return

@@ -307,6 +307,7 @@ def test_the_files_of_the_second_half_of_a_drive(tmp_path, recordings):
     recording = open_recording(tmp_path / 'set')
     assert not recording.losses
     assert sum('begin at 4391; drive 0018' in note for note in recording.notes) == 6
+    assert sum('poses to frame 3750 are drive 0018' in note for note in recording.notes) == 1
     assert recording.streams[Stream.SCAN].numbers[0] == 4391
     convert_recording(tmp_path / 'set', tmp_path / 'bag.mcap')
     with kitti_ros2.open(tmp_path / 'bag.mcap') as bag:
