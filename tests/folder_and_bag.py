@@ -25,7 +25,8 @@ GONE = {
     Layout.TRACKING: ('*/velodyne/*/*0.bin', '*/image_0[23]/*/*[0123].png'),
     Layout.OBJECT: ('*/image_2/*16.png',),
     Layout.KITTI_360: ('data_3d_raw/*/*/data/*[02].bin', 'data_2d_raw/*/image_0[01]/*/*0.png',
-                       'data_2d_raw/*/image_00/*/*3.png'),
+                       'data_2d_raw/*/image_00/*/*3.png', 'data_2d_raw/*/image_02/*/*2.png',
+                       'data_poses/*/oxts/data/*1.txt'),
 }  # fmt: skip
 """By layout the files that a recording with holes does not have."""
 

@@ -24,8 +24,14 @@ FILES = {
     Layout.ODOMETRY: ['sequences/00/calib.txt'],
     Layout.TRACKING: ['training/calib/0000.txt'],
     Layout.KITTI_360: [
-        f'calibration/{name}.txt'
-        for name in ('perspective', 'calib_cam_to_pose', 'calib_cam_to_velo')
+        f'calibration/{name}'
+        for name in (
+            'perspective.txt',
+            'calib_cam_to_pose.txt',
+            'calib_cam_to_velo.txt',
+            'image_02.yaml',
+            'image_03.yaml',
+        )
     ],
 }
 KEYS = {
@@ -33,7 +39,15 @@ KEYS = {
     Layout.OBJECT: ['P0', 'P2', 'P3', 'R0_rect', 'Tr_velo_to_cam', 'Tr_imu_to_velo'],
     Layout.ODOMETRY: ['P0', 'P1', 'P2', 'Tr'],
     Layout.TRACKING: ['P2', 'R_rect', 'Tr_velo_cam', 'Tr_imu_velo'],
-    Layout.KITTI_360: ['P_rect_00', 'P_rect_01', 'R_rect_00', 'T_01'],
+    Layout.KITTI_360: [
+        'P_rect_00',
+        'P_rect_01',
+        'R_rect_00',
+        'T_01',
+        'image_00',
+        'image_02',
+        'image_03',
+    ],
 }
 
 
@@ -104,8 +118,10 @@ def test_without_calibration_files(recordings, tmp_path, layout, missing):
     report = write(source, tmp_path / 'o.mcap', layout)
     assert lost_frames(tmp_path / 'o.mcap') == set()
     assert report.losses
-    # Frames of an object set without a file keep the transforms of the frame before.
-    if missing == FILES[layout] or layout is not Layout.OBJECT:
+    # Frames of an object set without a file keep the transforms of the frame before; the file of a
+    # fisheye has no mount.
+    others = layout is Layout.OBJECT or missing[0].endswith('.yaml')
+    if missing == FILES[layout] or not others:
         assert any('a nominal value is used' in note for note in report.notes)
 
 
@@ -115,7 +131,8 @@ def test_without_calibration_files(recordings, tmp_path, layout, missing):
 )
 def test_without_a_line_of_the_calibration(recordings, tmp_path, layout, key):
     source, folder = copied(recordings, layout, tmp_path)
-    for name in FILES[layout] if layout is Layout.OBJECT else FILES[layout][:1]:
+    first = int(key.startswith('image_'))  # mounts of KITTI-360 are in the second file
+    for name in FILES[layout] if layout is Layout.OBJECT else FILES[layout][first : first + 1]:
         without_key(folder / name, key)
     write(source, tmp_path / 'o.mcap', layout)
     assert lost_frames(tmp_path / 'o.mcap') == set()

@@ -163,11 +163,11 @@ def test_both_maps_agree_with_pykitti(real_kitti, drives, tmp_path, name):
 @pytest.mark.parametrize('options', [
     {}, {'preset': Preset.KITTI2BAG}, {'base_to_imu': (-1.4, 0.3, 2.0)},
 ])  # fmt: skip
-@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING, Layout.ODOMETRY])
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING, Layout.ODOMETRY, Layout.KITTI_360])
 def test_the_first_base_link_is_the_origin(recordings, tmp_path, layout, options):
     write(recordings[layout], tmp_path / 'o.mcap', **options)
     first = messages(tmp_path / 'o.mcap', ODOMETRY)[0].pose.pose.position
-    assert (first.x, first.y, first.z) == (0, 0, 0)
+    assert (first.x, first.y, first.z) == pytest.approx((0, 0, 0), abs=1e-12)
 
 
 METRES = st.floats(-1e3, 1e3)
@@ -267,7 +267,7 @@ def test_odometry_has_no_gravity_and_says_so(recordings, tmp_path):
         assert NO_GRAVITY not in write(recordings[layout], tmp_path / f'{layout.value}.mcap').notes
 
 
-@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING, Layout.ODOMETRY])
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING, Layout.ODOMETRY, Layout.KITTI_360])
 def test_odometry_made_of_either_map_is_the_same(recordings, tmp_path, layout):
     made = []
     for kind in MapFrame:

@@ -94,7 +94,7 @@ def test_labels_are_left_out_when_not_asked_for(sequence, tmp_path):
     assert all(message.point_step == 16 for message in found)
 
 
-@pytest.mark.parametrize('layout', [Layout.RAW, Layout.OBJECT, Layout.TRACKING])
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.OBJECT, Layout.TRACKING, Layout.KITTI_360])
 def test_layouts_without_labels_of_points_refuse_them(recordings, layout):
     with pytest.raises(UsageError, match=f'this is layout {layout.value}'):
         open_recording(recordings[layout], ReadOptions(semantic=True))

@@ -382,7 +382,7 @@ def test_the_bag_of_the_sequence_is_the_same_ground_truth(root, tmp_path, scores
     assert scores_of(bag, file) == pytest.approx(scores_of(root, file), rel=1e-3)
 
 
-@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING])
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.TRACKING, Layout.KITTI_360])
 def test_recordings_and_their_bags_agree(layout, recordings, tmp_path, run):
     source, bag = recordings[layout], tmp_path / 'own.mcap'
     streams = ('pose', 'oxts', 'calibration', 'recording', 'scan')

@@ -28,7 +28,7 @@ from kitti_ros2.synthetic.scene import motion_at
 from folder_and_bag import make_holes  # isort: skip
 
 pytestmark = pytest.mark.skipif(find_spec('evo') is None, reason='evo is not installed')
-POSED = (Layout.RAW, Layout.ODOMETRY, Layout.TRACKING)
+POSED = (Layout.RAW, Layout.ODOMETRY, Layout.TRACKING, Layout.KITTI_360)
 
 
 def at_starts(source):

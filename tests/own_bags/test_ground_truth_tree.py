@@ -21,7 +21,7 @@ from kitti_ros2.options.stack_names import StackName
 from builders import convert_recording, files_of, one_line  # isort: skip
 
 ODOMETRY = '/kitti/ground_truth/odometry'
-POSED = (Layout.RAW, Layout.ODOMETRY, Layout.TRACKING)
+POSED = (Layout.RAW, Layout.ODOMETRY, Layout.TRACKING, Layout.KITTI_360)
 TREE = GroundTruthOptions(tree=True)
 OF_TRUTH = {'/tf', ODOMETRY, '/kitti/ground_truth/path'}
 

@@ -54,7 +54,9 @@ def bags(recordings, tmp_path_factory):
     return give
 
 
-@pytest.fixture(params=[Layout.RAW, Layout.TRACKING], ids=['raw', 'tracking'])
+@pytest.fixture(
+    params=[Layout.RAW, Layout.TRACKING, Layout.KITTI_360], ids=['raw', 'tracking', 'kitti360']
+)
 def layout(request):
     return request.param
 

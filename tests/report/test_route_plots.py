@@ -145,7 +145,7 @@ def test_a_course_is_inside_and_shows_its_extremes(pairs, dense):
     assert np.ptp(y) == pytest.approx(share * (height - 44), abs=0.02)
 
 
-@pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY, Layout.TRACKING])
+@pytest.mark.parametrize('layout', [Layout.RAW, Layout.ODOMETRY, Layout.TRACKING, Layout.KITTI_360])
 def test_the_length_is_that_of_stats(recordings, tmp_path, layout):
     source = recordings[layout]
     convert_recording(source, tmp_path / 'bag.mcap')
