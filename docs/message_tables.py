@@ -35,6 +35,10 @@ _TOPICS = {
     f'{_VIEW}/image_rect/compressed': (_OPTICAL, 'PNG of the view: `--fisheye pinhole`', _FRAMES),
     f'{_VIEW}/image_rect': (_OPTICAL, 'its pixels: `--images raw`', _FRAMES),
     f'{_VIEW}/camera_info': (_OPTICAL, 'a pinhole without distortion', _FRAMES),
+    f'{_CAMERA}/semantic/compressed': (_OPTICAL, 'class of each pixel: KITTI-360', _FRAMES),
+    f'{_CAMERA}/semantic_rgb/compressed': (_OPTICAL, 'the same in colours', _FRAMES),
+    f'{_CAMERA}/instance/compressed': (_OPTICAL, 'class * 1000 + instance', _FRAMES),
+    f'{_CAMERA}/confidence/compressed': (_OPTICAL, 'confidence of the label', _FRAMES),
     '/kitti/oxts/imu': ('imu_link', 'accelerations with gravity, rates, orientation', _PACKETS),
     '/kitti/oxts/fix': ('imu_link', 'latitude, longitude, altitude above the sea', _PACKETS),
     '/kitti/oxts/vel': ('imu_link', 'velocity and rates, along the axes of the unit', _PACKETS),
@@ -56,6 +60,7 @@ _TOPICS = {
     f'{_CAMERA}/annotated': (_OPTICAL, 'labels drawn on the image: `play --annotated`', _FRAMES),
     f'{_CAMERA}/annotations': ('', '2D boxes for Foxglove: `--annotations`', _FRAMES),
     f'{_CAMERA}/prediction_annotations': ('', 'the same of `--predictions`', _FRAMES),
+    '/kitti/label_info': ('', 'names of the classes of label images', 'once'),
     '/kitti/source/recording': ('', 'name and layout of the recording', 'once'),
     '/kitti/source/files': ('', 'text files of the recording', 'once'),
     '/kitti/source/calibration': ('', 'calibration files', 'once; each frame in object sets'),
@@ -70,7 +75,7 @@ _TOPICS = {
 def topics() -> str:
     """Return the table of topics with frame, meaning, rate and QoS, the sensors first."""
     options = dataclasses.replace(EVERY_MESSAGE, annotated=True)
-    made = {row.topic: row for row in make_table({0: CAMERAS}, 'image_rect', options)}
+    made = {row.topic: row for row in make_table({0: CAMERAS, 1: CAMERAS}, 'image_rect', options)}
     views = {row.topic: row for row in view_topics().values()}
     made |= {topic.replace('_2/', '_{2,3}/'): views[topic] for topic in views if '_2/' in topic}
     order = {topic: place for place, topic in enumerate(_TOPICS)}

@@ -24,7 +24,7 @@ from ..model.errors import (
 )
 from ..model.geometry import rotation_to_rpy
 from ..model.samples import PNG, FrameLabels, Image, OxtsPacket, Pose, Scan
-from ..model.streams import CAMERA_COUNT, IMAGE_STREAMS, Stream
+from ..model.streams import CAMERA_COUNT, IMAGE_STREAMS, LABEL_IMAGES, LABEL_STREAMS, Stream
 from .arguments import OpenSource, warn
 
 if TYPE_CHECKING:
@@ -278,6 +278,36 @@ class Frame:
         _check_camera(camera)
         image = cast('Image', self._need(IMAGE_STREAMS[camera], f'image of camera {camera}'))
         return image.data if image.format == PNG else encode_png(decode_image(image))
+
+    def label_image(
+        self, kind: str = 'semantic', camera: int = 0
+    ) -> npt.NDArray[np.uint8 | np.uint16]:
+        """Decode a label image of KITTI-360.
+
+        Args:
+            kind: semantic (the id of the class), semantic_rgb, instance (id * 1000 + instance), or
+                confidence.
+            camera: KITTI's number, 0 or 1.
+
+        Returns:
+            (H, W), or (H, W, 3) RGB, with the bits of the file.
+
+        Raises:
+            MissingDataError: The frame has none.
+            KittiRos2Error: The image is damaged.
+        """
+        streams = {stream.label_image: stream for stream in LABEL_STREAMS}
+        stream = streams.get((kind, camera))
+        if stream is None:
+            kinds = ', '.join(LABEL_IMAGES)
+            raise UsageError(f'no label image {kind} of camera {camera}; there are {kinds} of 0, 1')
+        recording = self.source.frames.recording
+        index = recording.streams.get(stream)
+        if index is None or self.number not in index.numbers:
+            have = f'{0 if index is None else len(index)} other frames do'
+            raise MissingDataError(f'{self._name}: no {kind} image of camera {camera} ({have})')
+        pixels = decode_image(cast('Image', recording.read(stream, self.number)))
+        return np.ascontiguousarray(pixels[..., ::-1] if pixels.ndim == 3 else pixels)
 
     @cached_property
     def calibration(self) -> CalibratedRig | None:

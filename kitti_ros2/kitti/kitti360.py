@@ -9,6 +9,7 @@
     data_poses/DRIVE/{poses.txt,cam0_to_world.txt}
     data_poses/DRIVE/oxts/{data/%010d.txt,timestamps.txt}
     data_3d_bboxes/{train,train_full}/DRIVE.xml
+    data_2d_semantics/train/DRIVE/{image_00,image_01}/{semantic,instance,...}/%010d.png
 
 A number is the same time in all streams but sick_points, at 9.57 Hz. Scans are as measured, not
 compensated for motion; there are no files of the starts and ends of turns.
@@ -16,8 +17,8 @@ compensated for motion; there are no files of the starts and ends of turns.
 Poses are listed by frame number, and only for frames before which the car moved: never for frame 0,
 and not for all others. poses.txt is the GPS/IMU (x forward, y right, z down) in a world of x east,
 y north, z up; cam0_to_world.txt is the *rectified* camera 0, with fewer digits. Source: KITTI-360's
-documentation, its authors' scripts, and the files of 11 drives; of boxes, packets and sick_points,
-of which no file was at hand, the scripts alone.
+documentation, its authors' scripts, and the files of 11 drives; of boxes, packets, sick_points and
+data_2d_semantics, of which no file was at hand, these texts alone.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from ..model.boxes import cuboid_of
 from ..model.errors import BadFileError, UsageError, describe_error, format_count, runs_of
 from ..model.geometry import Transform
 from ..model.samples import FrameLabels, Pose, TextFile, Trails
-from ..model.streams import Clock, GeoOrigin, Layout, Stream
+from ..model.streams import LABEL_STREAMS, Clock, GeoOrigin, Layout, Stream
 from . import names
 from .archives import describe_source
 from .kitti360_boxes import (
@@ -58,6 +59,7 @@ from .names import (
     KITTI_360_CALIB,
     KITTI_360_CALIBRATION,
     KITTI_360_IMAGES,
+    KITTI_360_LABEL_IMAGES,
     KITTI_360_PARTS,
     KITTI_360_POSES,
     KITTI_360_SICK,
@@ -94,7 +96,17 @@ _SAME_M, _SAME_ROTATION = 5e-3, 1e-4
 _KEPT_SCANS = 4
 _LAST_OF_0018 = 3750
 """The last frame with a pose of drive 0018; up to there drive 0002 lists the same poses."""
-_NOT_READ = ('data_2d_semantics', 'data_3d_semantics', *names.KITTI_360_TEST_SLAM)
+_NOT_READ = {
+    'data_3d_semantics': '; its points are of windows of many frames, not of scans',
+    **dict.fromkeys(
+        (
+            f'{KITTI_360_LABEL_IMAGES}/{{}}/{at}instanceDict.json'
+            for at in ('', 'image_00/', 'image_01/')
+        ),
+        '; it lists what images of instances have',
+    ),
+    **dict.fromkeys(names.KITTI_360_TEST_SLAM, ''),
+}
 
 LEANING = 'poses lean by more than 60 degrees, or their z is not down'
 """Beginning of a loss, for validate."""
@@ -147,6 +159,11 @@ class Kitti360Recording(KittiRecording):
         packets = _StreamFolder(self._drive / names.RAW_OXTS, names.RAW_DATA, (names.TXT,))
         if packets.path.is_dir():
             self._folders[Stream.OXTS] = packets
+        for stream in LABEL_STREAMS:
+            kind, camera = stream.label_image or ('', 0)
+            path = root / KITTI_360_LABEL_IMAGES / name / KITTI_360_IMAGES[camera][0]
+            if (path / kind).is_dir():
+                self._folders[stream] = _StreamFolder(path, kind, names.IMAGE_SUFFIXES)
         data = {folder.path / folder.data: folder.suffixes for folder in self._folders.values()}
         self._name_frames(data, names.RAW_DIGITS)
         self._last_scans: dict[int, Scan] = {}
@@ -159,10 +176,10 @@ class Kitti360Recording(KittiRecording):
         self._add_boxes()
         self._add_turns()
         if self.clock is Clock.NOMINAL and self.streams:
-            self._find_gaps(self._folders)
+            self._find_gaps(self._folders.keys() - LABEL_STREAMS)
             self.notes.append(f'{name}: no {names.TIMESTAMPS} in any stream; {self._nominal_time}')
-        others = [root / part for part in _NOT_READ]
-        self.notes += [f'{path}: not converted' for path in others if path.is_dir()]
+        others = {root / part.format(name): why for part, why in _NOT_READ.items()}
+        self.notes += [f'{p}: not converted{why}' for p, why in others.items() if p.exists()]
         self._find_misnamed()
 
     def _find_misnamed(self) -> None:
@@ -214,11 +231,13 @@ class Kitti360Recording(KittiRecording):
         if not self._stamps:
             self._add_nominal(stream, listing.numbers, listing)
             return
-        of = stream if stream in self._stamps else self._stamped
-        if of is not stream:
+        labelled = stream.label_image and Stream(f'image_{stream.label_image[1]}')
+        own = [stamped for stamped in (stream, labelled) if stamped in self._stamps]
+        of = own[0] if own else self._stamped
+        if not own:
             self.notes.append(f'{folder}: no {names.TIMESTAMPS}; stamped as {of.value}')
         lines, first = self._stamps[of], 0
-        if 0 < first_file(self.name) <= min(listing.numbers, default=0):
+        if of is stream and 0 < first_file(self.name) <= min(listing.numbers, default=0):
             first = first_file(self.name)
             self.notes.append(f'{folder}: files begin at {first}; drive 0018 is the drive before')
         if of is not stream:
@@ -506,8 +525,8 @@ class Kitti360Writer(LayoutWriter):
 
     @property
     def accepts(self) -> frozenset[Stream]:
-        """The streams of the layout without the line scanner."""
-        return self.layout.traits.streams - {Stream.SICK}
+        """The streams of the layout without the line scanner and label images."""
+        return self.layout.traits.streams - {Stream.SICK, *LABEL_STREAMS}
 
     def write_calibration(self, number: int, calibration: Calibration) -> None:
         """Write the files of the calibration; the last is kept."""

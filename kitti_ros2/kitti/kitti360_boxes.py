@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..model.boxes import Cuboid, count_points
+from ..model.classes import KITTI_360_LABELS
 from ..model.errors import BadFileError, shown
 from ..model.geometry import Transform
 from .text_file import check_count, parse_numbers
@@ -60,20 +61,6 @@ _MOST = 10**9
 """The limit of ids and frames, so that tracks are int32, and of coordinates in metres."""
 _SHEAR = 1e-3
 _BLOCK = 256
-
-LABELS = {
-    1: (7, 'road'), 2: (9, 'parking'), 3: (8, 'sidewalk'), 4: (22, 'terrain'),
-    5: (21, 'vegetation'), 6: (35, 'gate'), 7: (12, 'wall'), 8: (13, 'fence'), 9: (23, 'sky'),
-    10: (10, 'rail track'), 11: (11, 'building'), 12: (34, 'garage'), 13: (26, 'car'),
-    14: (27, 'truck'), 15: (30, 'trailer'), 16: (29, 'caravan'), 17: (32, 'motorcycle'),
-    18: (33, 'bicycle'), 19: (24, 'person'), 20: (25, 'rider'), 21: (17, 'pole'),
-    22: (37, 'smallpole'), 23: (19, 'traffic light'), 24: (20, 'traffic sign'), 25: (38, 'lamp'),
-    26: (39, 'trash bin'), 27: (40, 'vending machine'), 28: (41, 'box'), 29: (36, 'stop'),
-    30: (14, 'guard rail'), 31: (15, 'bridge'), 32: (16, 'tunnel'), 33: (31, 'train'),
-    34: (28, 'bus'), 35: (42, 'unknown construction'), 36: (43, 'unknown vehicle'),
-    37: (44, 'unknown object'),
-}  # fmt: skip
-"""By kittiId the id, the number in images, and the label (labels.py of kitti360Scripts)."""
 
 CLASSES = {
     'car': 'Car',
@@ -217,9 +204,9 @@ def _identify(values: dict[str, str], unnamed: int) -> tuple[str, int]:
     """Return the label and the track id of an object."""
     if 'semanticId' in values:
         number = _whole(values, 'semanticId')
-        if number not in LABELS:
+        if number not in KITTI_360_LABELS:
             raise ValueError(f'semanticId {number}')
-        image_id, label = LABELS[number]
+        image_id, label = KITTI_360_LABELS[number]
         instance = _whole(values, 'instanceId', 0)
         return label, image_id * _INSTANCES + instance if instance > 0 else unnamed
     label = values.get('label', '')
@@ -315,7 +302,7 @@ _OTHER_LABELS = {
     'Person_sitting': 'person',
     'Misc': 'unknown object',
 }
-_NUMBERS = {label: number for number, (_, label) in LABELS.items()}
+_NUMBERS = {label: number for number, (_, label) in KITTI_360_LABELS.items()}
 
 
 def label_of(class_name: str) -> str:

@@ -416,6 +416,9 @@ class KittiRecording(RecordingPoses):
         """Read the sample of a stream with a file number; see model.recording."""
         if stream.camera is not None:
             return self._image(stream, number)
+        if stream.label_image is not None:
+            path = self._listings[stream].path(number)
+            return parse_image(STORE.read(path), path)
         if stream is Stream.SCAN:
             return self.adjust_scan(number, self._scan(number))
         if stream is Stream.PREDICTIONS and self.results is not None:

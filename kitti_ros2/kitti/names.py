@@ -66,6 +66,7 @@ KITTI_360_IMAGES = (
 )
 """By camera the folder in a drive, and that of the files in it."""
 KITTI_360_SICK = 'sick_points'
+KITTI_360_LABEL_IMAGES = 'data_2d_semantics/train'
 KITTI_360_BOXES = 'data_3d_bboxes'
 KITTI_360_BOX_FOLDERS = ('train', 'train_full')
 """In this order: the first has instances alone, the other everything that is annotated."""

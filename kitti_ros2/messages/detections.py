@@ -16,10 +16,12 @@ from uuid import UUID
 
 import numpy as np
 
+from ..model.bag_formats import LABEL_INFO
 from ..model.boxes import Cuboid
 from ..model.classes import class_of, label_of
 from ..model.geometry import Transform
-from .cdr import CdrWriter, pose_numbers
+from .cdr import CdrWriter, make_header, pose_numbers
+from .ros_types import TYPESTORE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -94,6 +96,13 @@ def encode_boxes_2d(boxes: Sequence[tuple[str, Box]], stamp_ns: int, frame_id: s
         cdr.float64((*middle, _NO_TURN, right - left, bottom - top))
         cdr.text(identity)
     return (cdr.finish(),)
+
+
+def encode_label_info(labels: Mapping[int, str], stamp_ns: int) -> object:
+    """Make the LabelInfo of classes by id."""
+    vision_class = TYPESTORE.types['vision_msgs/msg/VisionClass']
+    classes = [vision_class(number, label) for number, label in sorted(labels.items())]
+    return TYPESTORE.types[LABEL_INFO](make_header(stamp_ns, ''), classes, 0.0)
 
 
 def _add_result(

@@ -21,7 +21,8 @@ decode is None where other rows restore what the messages contain: /tf_static, c
 calibration's files), pinhole (the images of fisheyes), path, /tf (the odometry), imu, fix, vel (the
 packets' texts), sweep (the time stamps among the files), detections, objects, boxes_2d, markers,
 annotated, annotations (the labels' texts, or tracklets among the files). Predictions and the
-packets of an unsynchronised drive are not restored: they are no files of the recording.
+packets of an unsynchronised drive are not restored: they are no files of the recording. Nor is
+label_info, the same for all recordings.
 
 Names by preset and stack are in naming.py.
 """
@@ -51,6 +52,7 @@ from ..model.bag_formats import (
     FORMATS,
     IMAGE,
     IMU,
+    LABEL_INFO,
     MARKERS,
     ODOMETRY,
     PATH,
@@ -62,6 +64,7 @@ from ..model.bag_formats import (
     Channel,
     Points,
 )
+from ..model.classes import KITTI_360_IMAGE_LABELS
 from ..model.errors import (
     BadFileError,
     MissingDataError,
@@ -71,7 +74,15 @@ from ..model.errors import (
     some_of,
 )
 from ..model.samples import PNG, Description, Image, cuboids_of, identified
-from ..model.streams import CAMERA_COUNT, CAMERA_NAMES, IMAGE_STREAMS, Layout, PngForm, Stream
+from ..model.streams import (
+    CAMERA_COUNT,
+    CAMERA_NAMES,
+    IMAGE_STREAMS,
+    LABEL_STREAMS,
+    Layout,
+    PngForm,
+    Stream,
+)
 from ..options.messages import Clouds, Fisheye, Images, MessageOptions, Objects
 from .camera_info import (
     encode_camera_info,
@@ -86,6 +97,7 @@ from .detections import (
     encode_boxes_2d,
     encode_detected_objects,
     encode_detections,
+    encode_label_info,
     encode_tracked_objects,
 )
 from .images import decode_compressed, decode_image, encode_compressed, encode_pixels
@@ -240,6 +252,11 @@ def make_files(sample: Calibration | Description, context: EncodeContext) -> obj
 def make_source(sample: FrameLabels | OxtsPacket, context: EncodeContext) -> object | None:  # noqa: ARG001
     """Make a String of the text that a sample was read from."""
     return None if sample.source is None else encode_text(sample.source)
+
+
+def make_label_info(_: Description, context: EncodeContext) -> object:
+    """Make the LabelInfo of KITTI-360's label images."""
+    return encode_label_info(KITTI_360_IMAGE_LABELS, context.stamp_ns)
 
 
 def make_path(trajectory: Trajectory, context: EncodeContext) -> object | None:
@@ -535,7 +552,7 @@ class Topic(Channel):
         change_key: Returns a key of a sample; a message with the key of the previous one is
             not sent again.
         restores: Whether the file of a sample can be restored from its messages.
-        needs: A stream without which the row has no messages, besides its own.
+        needs: Streams, of which the row needs one besides its own; none are no need.
     """
 
     stream: Stream
@@ -543,7 +560,7 @@ class Topic(Channel):
     decode: Decode | None = None
     change_key: Callable[[Any], Hashable] | None = None
     restores: bool = False
-    needs: Stream | None = None
+    needs: tuple[Stream, ...] = ()
 
     @property
     def is_frame_text(self) -> bool:
@@ -584,6 +601,8 @@ _ROWS = (
           lambda description, _: encode_description(dict(description.values)),
           lambda message, _: Description(decode_description(message)), **_last),
     Topic(FILES, STRING, Stream.RECORDING, *_files, restores=True, **_last),
+    Topic('/kitti/label_info', LABEL_INFO, Stream.RECORDING, make_label_info,
+          needs=LABEL_STREAMS, **_last),
     Topic('/kitti/ground_truth/path', PATH, Stream.PATH, make_path,
           **_last),
     Topic('/kitti/ground_truth/odometry', ODOMETRY, Stream.POSE,
@@ -689,8 +708,20 @@ def make_table(
         rows += _camera_rows(IMAGE_STREAMS[index], camera, images, options)
         if is_raw and options.fisheye is Fisheye.PINHOLE:
             rows += _view_rows(IMAGE_STREAMS[index], camera, options.images)
+    rows += [_label_row(stream, cameras) for stream in LABEL_STREAMS]
     names = naming_of(options)
     return [replace(row, topic=names.topic(row.topic)) for row in rows]
+
+
+def _label_row(stream: Stream, cameras: Mapping[int, str]) -> Topic:
+    """Return the row of label images: always their PNG files, whose form pixels do not tell."""
+    kind, camera = stream.label_image or ('', 0)
+    topic = f'/kitti/camera_{cameras.get(camera, camera)}/{kind}/compressed'
+    pair: tuple[Encode, Decode] = (
+        make_compressed,
+        lambda message, bag: decode_compressed(message, bag.path),
+    )
+    return Topic(topic, COMPRESSED, stream, *pair, restores=True)
 
 
 def without_latched_calibrations(rows: Sequence[Topic]) -> list[Topic]:
@@ -727,9 +758,9 @@ def _camera_rows(
     if options.annotations:
         rows += [
             Topic(f'{camera}/annotations', ANNOTATIONS, stream, make_annotations,
-                  needs=Stream.LABELS),
+                  needs=(Stream.LABELS,)),
             Topic(f'{camera}/prediction_annotations', ANNOTATIONS, stream,
-                  make_prediction_annotations, needs=Stream.PREDICTIONS),
+                  make_prediction_annotations, needs=(Stream.PREDICTIONS,)),
         ]  # fmt: skip
     return rows
 

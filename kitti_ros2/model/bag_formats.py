@@ -114,6 +114,7 @@ DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 FIX = 'sensor_msgs/msg/NavSatFix'
 HEADER = 'std_msgs/msg/Header'
 IMAGE = 'sensor_msgs/msg/Image'
+LABEL_INFO = 'vision_msgs/msg/LabelInfo'
 IMU = 'sensor_msgs/msg/Imu'
 LASER_SCAN = 'sensor_msgs/msg/LaserScan'
 LIVOX = frozenset({'livox_ros_driver/msg/CustomMsg', 'livox_ros_driver2/msg/CustomMsg'})

@@ -201,3 +201,26 @@ class LeastOverlaps:
 
 KITTI_OVERLAPS = LeastOverlaps()
 """Values of evaluate_object.cpp of the object devkit; other vehicles are as cars."""
+
+
+# The labels of KITTI-360, whose boxes and pixels have other numbers.
+
+KITTI_360_LABELS = {
+    1: (7, 'road'), 2: (9, 'parking'), 3: (8, 'sidewalk'), 4: (22, 'terrain'),
+    5: (21, 'vegetation'), 6: (35, 'gate'), 7: (12, 'wall'), 8: (13, 'fence'), 9: (23, 'sky'),
+    10: (10, 'rail track'), 11: (11, 'building'), 12: (34, 'garage'), 13: (26, 'car'),
+    14: (27, 'truck'), 15: (30, 'trailer'), 16: (29, 'caravan'), 17: (32, 'motorcycle'),
+    18: (33, 'bicycle'), 19: (24, 'person'), 20: (25, 'rider'), 21: (17, 'pole'),
+    22: (37, 'smallpole'), 23: (19, 'traffic light'), 24: (20, 'traffic sign'), 25: (38, 'lamp'),
+    26: (39, 'trash bin'), 27: (40, 'vending machine'), 28: (41, 'box'), 29: (36, 'stop'),
+    30: (14, 'guard rail'), 31: (15, 'bridge'), 32: (16, 'tunnel'), 33: (31, 'train'),
+    34: (28, 'bus'), 35: (42, 'unknown construction'), 36: (43, 'unknown vehicle'),
+    37: (44, 'unknown object'),
+}  # fmt: skip
+"""By kittiId the id, the number in images, and the label (labels.py of kitti360Scripts)."""
+
+KITTI_360_IMAGE_LABELS = {
+    0: 'unlabeled', 1: 'ego vehicle', 2: 'rectification border', 3: 'out of roi', 4: 'static',
+    5: 'dynamic', 6: 'ground', 18: 'polegroup', **dict(KITTI_360_LABELS.values()),
+}  # fmt: skip
+"""By id the label, of all pixels of semantic images."""

@@ -51,6 +51,14 @@ class Stream(str, Enum):
     IMAGE_2 = 'image_2'
     IMAGE_3 = 'image_3'
     IMAGE_4 = 'image_4'
+    SEMANTIC_0 = 'semantic_0'
+    SEMANTIC_1 = 'semantic_1'
+    SEMANTIC_RGB_0 = 'semantic_rgb_0'
+    SEMANTIC_RGB_1 = 'semantic_rgb_1'
+    INSTANCE_0 = 'instance_0'
+    INSTANCE_1 = 'instance_1'
+    CONFIDENCE_0 = 'confidence_0'
+    CONFIDENCE_1 = 'confidence_1'
     LABELS = 'labels'
     PREDICTIONS = 'predictions'
 
@@ -59,6 +67,21 @@ class Stream(str, Enum):
         """The KITTI camera index of an image stream, None for the others."""
         return int(self.value[-1]) if self.value.startswith('image_') else None
 
+    @property
+    def label_image(self) -> tuple[str, int] | None:
+        """The kind of a stream of label images and its camera, None for the others."""
+        kind, _, camera = self.value.rpartition('_')
+        return (kind, int(camera)) if kind in LABEL_IMAGES else None
+
+    @property
+    def viewer(self) -> int:
+        """The camera of an image or a label image, 0 for the others."""
+        return self.label_image[1] if self.label_image else self.camera or 0
+
+
+LABEL_IMAGES = {'semantic': (1, 8), 'semantic_rgb': (3, 8), 'instance': (1, 16), 'confidence': None}
+"""KITTI-360's folders of images of the labels of pixels: channels and bits, if it tells them."""
+LABEL_STREAMS: tuple[Stream, ...] = tuple(stream for stream in Stream if stream.label_image)
 
 IMAGE_STREAMS: tuple[Stream, ...] = tuple(Stream(f'image_{i}') for i in range(CAMERA_COUNT))
 FRAME_STREAMS = (
@@ -269,7 +292,8 @@ _TRAITS = {
         title='KITTI-360 drive',
         noun='drive',
         default_name='2013_05_28_drive_0000_sync',
-        streams=_COMMON_STREAMS | {Stream.SICK, Stream.OXTS, Stream.POSE, Stream.LABELS},
+        streams=_COMMON_STREAMS
+        | {Stream.SICK, Stream.OXTS, Stream.POSE, Stream.LABELS, *LABEL_STREAMS},
         cameras=(0, 1),
         main_camera=0,
         camera_names={index: str(index) for index in range(4)},

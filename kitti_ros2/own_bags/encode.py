@@ -333,7 +333,7 @@ class Encoder:
             lambda: self._recording.path(entry.stream, entry.number),
             lambda: self._recording.calibration(entry.number),
             lambda: self._recording.trails(entry.number),
-            entry.stream.camera or 0,
+            entry.stream.viewer,
             _once(decode_image),
             lambda: self._labels_of(entry.number),
             lambda: self._predictions_of(entry.number),
@@ -456,7 +456,7 @@ class Encoder:
         return frozenset(index.numbers.tolist())
 
     def _has_needs(self, row: Topic) -> bool:
-        return row.needs is None or bool(self._numbers_with(row.needs))
+        return not row.needs or any(map(self._numbers_with, row.needs))
 
     @staticmethod
     def _serialize(

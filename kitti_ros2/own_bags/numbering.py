@@ -26,7 +26,7 @@ from ..messages.topics import decoders, own_topics
 from ..model.bag_formats import HEADLESS
 from ..model.errors import BadFileError, Loss, UsageError
 from ..model.recording import StreamIndex
-from ..model.streams import FRAME_STREAMS, UNNUMBERED, Clock, Stream
+from ..model.streams import FRAME_STREAMS, LABEL_STREAMS, UNNUMBERED, Clock, Stream
 from ..options.read import Bound, ScanStamp
 from .schedule import (
     UNKNOWN,
@@ -151,7 +151,8 @@ def absent_frames(source_files: SourceFiles) -> tuple[Loss, ...]:
 
 def _absent_of(source_files: SourceFiles, streams: Collection[Stream]) -> Iterator[Loss]:
     """Yield the same of streams with common numbers."""
-    folders = {s: folder for s, folder in source_files.folders.items() if s in streams}
+    indexed = {*streams} - {*LABEL_STREAMS}  # of labels no file lists the frames
+    folders = {s: folder for s, folder in source_files.folders.items() if s in indexed}
     carried = [number for folder in folders.values() for number in folder.carried]
     if source_files.times is not None or not carried:
         return

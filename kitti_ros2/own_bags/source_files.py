@@ -343,13 +343,15 @@ class SourceFiles(DescribedRecording):
     def stamps_path(self, stream: Stream) -> PurePosixPath:
         """Return the text file with a stream's stamps, in layouts that have one.
 
-        It is beside the folder, or else the first of another stream.
+        It is beside the folder, or in another of the same name (label images), or else the first.
         """
         name = LAYOUTS[self.layout].stamps
         own = self.folders[stream].path.parent / name
         if own in self.texts or own in self.missing:
             return own
-        return next((path for path in self.texts if path.name == name), own)
+        others = [path for path in self.texts if path.name == name]
+        same = [path for path in others if path.parent.name == own.parent.name]
+        return next(iter(same if stream.label_image and same else others), own)
 
     def _stamps(self, stream: Stream) -> Mapping[int, int] | None:
         """Map file numbers to stamps of messages; numbers without a valid stamp are skipped."""

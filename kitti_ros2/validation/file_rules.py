@@ -23,7 +23,7 @@ from ..model.boxes import DONT_CARE, has_cuboid, is_absurd
 from ..model.errors import BadFileError, format_bytes
 from ..model.geometry import Transform
 from ..model.samples import LEFT_OF, rectified_offset
-from ..model.streams import IMAGE_STREAMS, Stream
+from ..model.streams import IMAGE_STREAMS, LABEL_STREAMS, Stream
 from .rule import ERROR, NOTE, WARNING, Breach, RuleScope, RuleTable, breach_in, breach_of
 
 if TYPE_CHECKING:
@@ -154,8 +154,11 @@ def _failed(*streams: Stream) -> Callable[[DataFile], Iterator[Breach]]:
 
 FILE_RULES.add('scan-file', ERROR, 'Scans can be parsed', _COPY)(_failed(Stream.SCAN, Stream.SICK))
 FILE_RULES.add(
-    'image-file', ERROR, 'Images are whole PNGs, and the checksum of each chunk is right', _COPY
-)(_failed(*IMAGE_STREAMS))
+    'image-file',
+    ERROR,
+    'Images are whole PNGs, and the checksum of each chunk is right; label images have their bits',
+    _COPY,
+)(_failed(*IMAGE_STREAMS, *LABEL_STREAMS))
 FILE_RULES.add('oxts-packet', ERROR, 'GPS/IMU packets have 30 finite numbers, on earth', _COPY)(
     _failed(Stream.OXTS)
 )

@@ -24,7 +24,15 @@ from ..kitti.text_file import parse_times, parse_timestamps
 from ..model.boxes import DONT_CARE
 from ..model.errors import BadFileError, KittiRos2Error, describe_error
 from ..model.samples import Calibration, FrameLabels, LineScan, OxtsPacket, Scan
-from ..model.streams import KITTI_COLUMNS, UNNUMBERED, Clock, Stream
+from ..model.streams import (
+    IMAGE_STREAMS,
+    KITTI_COLUMNS,
+    LABEL_IMAGES,
+    LABEL_STREAMS,
+    UNNUMBERED,
+    Clock,
+    Stream,
+)
 from .file_rules import (
     CALIBRATION_RULES,
     FILE_RULES,
@@ -78,6 +86,8 @@ if TYPE_CHECKING:
 # Checks of the files of one frame: each is read once, checked alone and with the others.
 
 T = TypeVar('T')
+_PNG_BITS = 24
+"""Offset of the bits a channel in a PNG."""
 _MOST_STORED = 64
 """Number of stored calibrations, for frames with equal files."""
 
@@ -196,7 +206,7 @@ class FrameChecks:
     def _check_others(self, number: int) -> tuple[FrameResult, FrameFiles | None]:
         """Check the files of a frame except its scan."""
         result = FrameResult(number)
-        for stream in self._cameras:
+        for stream in self._numbers.keys() & {*IMAGE_STREAMS, *LABEL_STREAMS}:
             self._check_image(stream, number, result)
         self._check_packet(number, result)
         self._check_line_scan(number, result)
@@ -207,7 +217,8 @@ class FrameChecks:
         ]
         if calibration is None or not self._recording.common_numbers:
             return result, None
-        sizes = {self._cameras[stream]: shape[:2] for stream, shape in result.images.items()}
+        shapes = {s: shape for s, shape in result.images.items() if s in self._cameras}
+        sizes = {self._cameras[stream]: shape[:2] for stream, shape in shapes.items()}
         frame = FrameFiles(number, calibration, sizes, calibration_path, label_path, lines, cuboids)
         result.breaches += find_breaches(FRAME_RULES, frame)
         return result, frame
@@ -257,6 +268,14 @@ class FrameChecks:
         if image is None:
             return
         result.images[stream] = image.width, image.height, image.channels
+        form = LABEL_IMAGES[stream.label_image[0]] if stream.label_image else None
+        if form not in (None, (image.channels, image.data[_PNG_BITS])):
+            has, expected = (
+                f'{count} channels of {bits} bits'
+                for count, bits in ((image.channels, image.data[_PNG_BITS]), form)
+            )
+            error = BadFileError(path, has, expected)
+            result.breaches += find_breaches(FILE_RULES, DataFile(stream, path, 0, error))
         if self._options.decode:
             result.breaches += find_breaches(IMAGE_RULES, ImageFile(path, image))
 

@@ -112,7 +112,7 @@ def _find_other_size(facts: RecordingFacts) -> Iterator[Breach]:
     if facts.recording.layout.traits.calibration_per_frame:
         return
     for stream, shapes in facts.images.items():
-        camera = facts.recording.calibration(0).cameras.get(stream.camera or 0)
+        camera = facts.recording.calibration(0).cameras.get(stream.viewer)
         usual = _most_common({shape: shape[:2] for shape in shapes}, shapes)
         stated = None if camera is None else camera.size
         expected, source = (usual, 'other images') if stated is None else (stated, 'calibration')

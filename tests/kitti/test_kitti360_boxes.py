@@ -19,7 +19,6 @@ import kitti_ros2
 from kitti_ros2.datasets import crop
 from kitti_ros2.kitti.extract_oxts import add_extract
 from kitti_ros2.kitti.kitti360_boxes import (
-    LABELS,
     LEAST_POINTS,
     BoxIndex,
     WorldBox,
@@ -31,6 +30,7 @@ from kitti_ros2.kitti.opening import open_recording
 from kitti_ros2.kitti.text_file import format_packet, parse_packet
 from kitti_ros2.messages.naming import make_rig
 from kitti_ros2.model.boxes import count_points, cuboid_of
+from kitti_ros2.model.classes import KITTI_360_LABELS
 from kitti_ros2.model.errors import BadFileError, UsageError
 from kitti_ros2.model.geometry import Transform
 from kitti_ros2.model.samples import rect_from_velo
@@ -53,7 +53,7 @@ CUBE = np.array([
     [-0.5, 0.5, -0.5], [-0.5, 0.5, 0.5], [-0.5, -0.5, -0.5], [-0.5, -0.5, 0.5],
 ])  # fmt: skip
 """As the authors print it, in kitti360Scripts issue 135."""
-KITTI_IDS = {name: number for number, (_, name) in LABELS.items()}
+KITTI_IDS = {name: number for number, (_, name) in KITTI_360_LABELS.items()}
 
 
 @dataclass(frozen=True)
@@ -381,7 +381,7 @@ def test_a_written_file_is_read_again(boxes):
     seen: dict[str, int] = {}
     for box, read in zip(boxes, again, strict=True):
         seen[box.label] = seen.get(box.label, 0) + 1
-        assert read.track_id == LABELS[KITTI_IDS[box.label]][0] * 1000 + seen[box.label]
+        assert read.track_id == KITTI_360_LABELS[KITTI_IDS[box.label]][0] * 1000 + seen[box.label]
         assert (read.label, read.window, read.frame) == (box.label, box.window, box.frame)
         assert read.size_lwh == pytest.approx(box.size_lwh, rel=1e-6)
         place = box.world_T_box.matrix()

@@ -197,6 +197,8 @@ def test_type_hash_is_that_of_the_released_package():
         ('ObjectHypothesis', ['class_id', 'score']),
         ('ObjectHypothesisWithPose', ['hypothesis', 'pose']),
         ('Pose2D', ['position', 'theta']),
+        ('VisionClass', ['class_id', 'class_name']),
+        ('LabelInfo', ['header', 'class_map', 'threshold']),
     ],
 )
 def test_fields_are_those_of_vision_msgs_4(name, fields):

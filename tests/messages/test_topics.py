@@ -86,6 +86,9 @@ SAMPLES = {
     Stream.IMAGE_2: PIXELS.map(
         lambda pixels: parse_png(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
     ),
+    Stream.SEMANTIC_0: PIXELS.map(
+        lambda pixels: parse_png(cv2.imencode('.png', pixels)[1].tobytes(), 'x')
+    ),
     Stream.LABELS: st.builds(lambda text: FrameLabels(source=text), st.none() | TEXTS),
 }
 RIG = Rig(
@@ -138,7 +141,7 @@ def assert_same(sample, back):
 @pytest.mark.parametrize('row', [row for row in ROWS if row.decode], ids=lambda row: row.topic)
 @given(data=st.data())
 def test_decode_is_the_inverse_of_encode(row, data):
-    sample = data.draw(SAMPLES[row.stream])
+    sample = data.draw(SAMPLES[Stream.SEMANTIC_0 if row.stream.label_image else row.stream])
     calibration = Calibration({}, None, None, Transform.identity())
     context = EncodeContext(RIG, STAMP, lambda: Path('x'), lambda: calibration, dict, camera=2)
     parts = row.serialize(sample, context)
@@ -157,7 +160,7 @@ def test_rows_without_a_decoder_are_restored_by_others():
         '/tf_static', '/tf', 'ground_truth/path', 'oxts/imu', 'oxts/fix', 'oxts/vel',
         'source/sweep', 'labels/detections', 'labels/boxes_2d', 'labels/markers',
         'predictions/detections', 'predictions/boxes_2d', 'predictions/markers',
-        'camera_color_left/camera_info',
+        'camera_color_left/camera_info', 'label_info',
     }  # fmt: skip
     assert all(row.decode for row in own_topics().values() if row.restores)
 
