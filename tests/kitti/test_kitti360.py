@@ -8,6 +8,7 @@ The values are those of facts.py and README.md beside the files; they are skippe
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -43,6 +44,20 @@ def set_of_links(real_360, tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp('kitti360')
     shutil.copytree(real_360, root / 'set', copy_function=os.symlink)
     return root / 'set'
+
+
+def test_contradicting_poses_are_apart_in_metres_and_degrees(set_of_links, tmp_path):
+    root = tmp_path / 'set'
+    shutil.copytree(set_of_links, root)
+    path = root / 'calibration' / 'perspective.txt'
+    text = path.read_text()
+    path.unlink()
+    lines = [line for line in text.splitlines(True) if not line.startswith('R_rect_00')]
+    path.write_text(''.join(lines) + 'R_rect_00: 1 0 0 0 1 0 0 0 1\n')
+    recording = open_recording(root, ReadOptions(sequence='0010'))
+    said = [*recording.contradictions()]
+    assert len(said) == len(recording.streams[Stream.POSE])
+    assert all(re.search(r'is 0\.00. m, 0\.4.. deg from poses.txt', line) for line in said), said
 
 
 @pytest.fixture(scope='module')

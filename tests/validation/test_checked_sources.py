@@ -54,7 +54,7 @@ def test_everything_below_a_folder_is_checked(root):
     assert names(validate(root / 'bags')) == ['bag.mcap']
 
 
-def test_all_layouts_of_a_folder_and_those_below_are_checked(recordings, tmp_path):
+def test_all_layouts_of_a_folder_and_those_below_are_checked(recordings, tmp_path, capsys):
     """Dates of raw drives beside the parts of KITTI-360, an object set in a folder of its own."""
     for path in (recordings[Layout.RAW].parent, *recordings[Layout.KITTI_360].iterdir()):
         shutil.copytree(path, tmp_path / 'both' / path.name)
@@ -64,6 +64,10 @@ def test_all_layouts_of_a_folder_and_those_below_are_checked(recordings, tmp_pat
         assert names(validate(path)) == [raw, kitti360, 'training']
     assert names(validate(tmp_path / 'both', layout='kitti360')) == [kitti360]
     assert names(validate(tmp_path / 'both' / 'data_2d_raw')) == [kitti360]
+    main(['validate', str(tmp_path / 'both'), '--quick'])
+    said = capsys.readouterr().out
+    assert f'both kitti360 {kitti360}: ' in said
+    assert f'{raw} raw: ' in said
 
 
 def test_several_paths_are_checked_once_each(root):
