@@ -234,8 +234,9 @@ class Kitti360Recording(KittiRecording):
         labelled = stream.label_image and Stream(f'image_{stream.label_image[1]}')
         own = [stamped for stamped in (stream, labelled) if stamped in self._stamps]
         of = own[0] if own else self._stamped
-        if not own:
-            self.notes.append(f'{folder}: no {names.TIMESTAMPS}; stamped as {of.value}')
+        text = f'{folder}: no {names.TIMESTAMPS}; stamped as {of.value}'
+        if not own and text not in self.notes:  # of several kinds of label images
+            self.notes.append(text)
         lines, first = self._stamps[of], 0
         if of is stream and 0 < first_file(self.name) <= min(listing.numbers, default=0):
             first = first_file(self.name)

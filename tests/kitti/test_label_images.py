@@ -54,7 +54,8 @@ def test_the_stamps_of_a_camera_without_images_serve(root):
     scans = recording.streams[Stream.SCAN].stamps_ns
     assert recording.streams[Stream.INSTANCE_1].stamps_ns.tolist() == scans[[2, 4]].tolist()
     assert stamps != scans[[2, 4]].tolist()
-    assert any('image_01: no timestamps.txt; stamped as scan' in note for note in recording.notes)
+    said = [note for note in recording.notes if f'{LABELS}/image_01' in note]
+    assert said == [f'{root / LABELS}/image_01: no timestamps.txt; stamped as scan']
 
 
 def test_without_any_stamps_a_hole_is_no_loss(root):
