@@ -35,13 +35,15 @@ def inspect_source(path: Path, options: ReadOptions) -> Overview:
     from ..bags.bag_files import OpenBag
     from ..bags.open_source import open_source
     from ..kitti.opening import describe_below
+    from ..kitti.store import cached_listings
     from ..report.overview import inspect_bag, inspect_recording
 
     freeze_imports()
-    source = open_source(path, options)
-    if not isinstance(source, OpenBag):
-        overview = inspect_recording(source, path)
-        return replace(overview, notes=(*overview.notes, *describe_below(path, options)))
+    with cached_listings():
+        source = open_source(path, options)
+        if not isinstance(source, OpenBag):
+            overview = inspect_recording(source, path)
+            return replace(overview, notes=(*overview.notes, *describe_below(path, options)))
     with source as bag:
         return inspect_bag(bag)[0]
 

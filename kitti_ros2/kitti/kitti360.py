@@ -26,6 +26,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise, starmap
+from threading import Lock
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
@@ -167,6 +168,7 @@ class Kitti360Recording(KittiRecording):
         data = {folder.path / folder.data: folder.suffixes for folder in self._folders.values()}
         self._name_frames(data, names.RAW_DIGITS)
         self._last_scans: dict[int, Scan] = {}
+        self._scan_lock = Lock()
         self.clock = Clock.UTC if self._stamps else Clock.NOMINAL
         for stream in self._folders:
             self._add_folder(stream)
@@ -357,11 +359,11 @@ class Kitti360Recording(KittiRecording):
 
     def _scan(self, number: int) -> Scan:
         """Return a scan; the last ones are kept for the boxes of their frames."""
-        scan = self._last_scans.get(number)
-        if scan is None:
-            scan = super()._scan(number)
-            if Stream.LABELS in self.streams:
-                self._last_scans = dict([*self._last_scans.items(), (number, scan)][-_KEPT_SCANS:])
+        if Stream.LABELS not in self.streams:
+            return super()._scan(number)
+        with self._scan_lock:  # two threads ask for one scan: for itself, and for its boxes
+            scan = self._last_scans.get(number) or super()._scan(number)
+            self._last_scans = dict([*self._last_scans.items(), (number, scan)][-_KEPT_SCANS:])
         return scan
 
     def _labels(self, number: int) -> FrameLabels:

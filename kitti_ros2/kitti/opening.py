@@ -630,9 +630,7 @@ def data_sets_below(
             here = data_sets_in(folder)
             data_sets += here
         if level < _MOST_LEVELS:
-            subfolders = [subfolder.name for subfolder in _subfolders(folder)]
-            covered = covered_folders(folder, subfolders, here)
-            queue.extend((folder / name, level + 1) for name in subfolders if name not in covered)
+            queue.extend((subfolder, level + 1) for subfolder in _subfolders(folder, here))
     return data_sets, not queue
 
 
@@ -669,7 +667,7 @@ def covered_folders(
         if inside is None or inside == base:
             covered |= {name for name in subfolders if is_inside(name) or name == recording.name}
         else:
-            covered.add(inside.relative_to(base).parts[0])
+            covered |= {inside.relative_to(base).parts[0], names.POSES, names.IMAGE_SETS}
     return covered
 
 
@@ -762,10 +760,13 @@ def _entries(folder: Path) -> list[str]:
     return sorted(entry.name for entry in _scan(folder))
 
 
-def _subfolders(folder: Path) -> list[Path]:
-    if is_remote(folder):
-        inside = (folder / name for name in _entries(folder) if not name.startswith('.'))
-        return [subfolder for subfolder in inside if subfolder.is_dir()]
+def _subfolders(folder: Path, data_sets: Sequence[DataSet]) -> list[Path]:
+    """Return the sub-folders of a folder that do not belong to data sets in it."""
+    if is_remote(folder) or data_sets:  # which have listed it
+        inside = STORE.names(folder)[:_MOST_ENTRIES]
+        others = {*inside} - covered_folders(folder, inside, data_sets)
+        paths = sorted(folder / name for name in others if not name.startswith('.'))
+        return [path for path in paths if path.is_dir()]
     return sorted(folder / entry.name for entry in _scan(folder) if _is_folder(entry))
 
 

@@ -15,7 +15,7 @@ from ..files.remote import as_path
 from ..kitti import names
 from ..kitti.find import absolute
 from ..kitti.opening import data_sets_at, data_sets_below, explain, not_of_layout
-from ..kitti.store import STORE
+from ..kitti.store import STORE, cached_listings
 from ..kitti.text_file import Lines, parse_lines
 from ..model.bag_formats import CONTAINERS
 from ..model.errors import BadFileError, UsageError, format_numbers, naming
@@ -76,6 +76,7 @@ class PathSources(NamedTuple):
     unopened: Sequence[Unopened] = ()
 
 
+@cached_listings()
 def find_sources(path: Path, options: ReadOptions) -> PathSources:
     """Find the data sets and bags at a path and below it.
 
