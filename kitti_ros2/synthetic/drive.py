@@ -52,7 +52,8 @@ if TYPE_CHECKING:
     from ..model.boxes import Box
     from ..model.geometry import Float64Array, Transform
     from ..model.samples import Calibration, Image, Int64Array, OxtsPacket
-    from .render import Canvas, Picture
+    from .render import Canvas
+    from .textures import Picture
 
 
 # The synthetic recording in memory: every sample of every frame, on demand.

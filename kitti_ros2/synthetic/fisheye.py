@@ -10,18 +10,17 @@ import numpy as np
 
 from .render import (
     FARTHEST,
-    HAZE,
     ROAD_HALF_WIDTH,
     ROAD_PERIOD,
     Canvas,
     Noise,
     Road,
-    as_picture,
     paint_sky,
     shaded,
     texels_at,
     visible_faces,
 )
+from .textures import HAZE, as_picture
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -31,8 +30,9 @@ if TYPE_CHECKING:
     from ..model.geometry import Float64Array, Transform
     from ..model.lenses import Lens
     from ..model.samples import CameraCalibration, Float32Array
-    from .render import Face, Picture, Texture
+    from .render import Face
     from .scene import Course, PlacedSolid
+    from .textures import Picture, Texture
 
 _WIDEST = np.cos(np.radians(100.0))
 """Pixels that look further off the axis, in the corners, are black."""
