@@ -31,7 +31,7 @@ What to do next:
   kitti-ros2 to-bag YOUR_KITTI_FOLDER drive.mcap
 or open the .mcap file in {bag} with Foxglove; the frame to fix is map.
 
-A picture of its first frame: {picture}
+A picture of a frame: {picture}
 """
 
 

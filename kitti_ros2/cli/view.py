@@ -205,14 +205,14 @@ def _check_camera(settings: ViewSettings, source: RecordingFrames) -> None:
 
 def _numbers(settings: ViewSettings, source: RecordingFrames, *, single: bool) -> list[int]:
     """Return the numbers of the frames to draw."""
-    from ..pictures.series import parse_frames, select_frames
+    from ..pictures.series import first_whole, parse_frames, select_frames
 
     if settings.frame is not None:
         return [settings.frame]
     if settings.frames is not None:
         return parse_frames(settings.frames, source)
     numbers = select_frames(source, settings.selection)
-    return numbers[:1] if single else numbers
+    return [first_whole(numbers, source)] if single else numbers
 
 
 def _check(out: Path, settings: ViewSettings, *, single: bool) -> None:
@@ -451,8 +451,8 @@ def view(
     camera: 2D boxes on the image. boxes: 3D boxes on it. lidar: the scan on it. bev: the scan and
     boxes from above. perspective: the same from behind. panel: all about a frame on one page.
 
-    A picture shows --frame, or the first frame from --start on. A film or a folder of pictures
-    shows all frames from --start to --end, or --frames.
+    A picture shows --frame, or the first whole frame from --start on. A film or a folder of
+    pictures shows all frames from --start to --end, or --frames.
 
     Examples:
       kitti-ros2 view object/training --frame 8 --mode boxes -o boxes.png

@@ -221,6 +221,10 @@ class LayoutTraits:
         """True if labels are known by track."""
         return self.common_labels or self.world_boxes
 
+    def is_grey(self, camera: int) -> bool:
+        """Return whether the images of a camera have no colour."""
+        return self.camera_names.get(camera, '').startswith('gray')
+
     @property
     def packet_poses(self) -> bool:
         """True if poses are those of oxts packets, with a velocity, and no files of their own."""

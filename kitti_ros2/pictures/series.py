@@ -182,6 +182,15 @@ def select_frames(source: RecordingFrames, selection: SelectionOptions) -> list[
     return frames
 
 
+def first_whole(numbers: Sequence[int], source: RecordingFrames) -> int:
+    """Return the first of some frames that has a sample of as many streams as any of them.
+
+    KITTI-360 has frames with a pose alone, and its first frame has none, and so no boxes.
+    """
+    counts = sum(np.isin(numbers, files).astype(int) for files in source.streams.values())
+    return numbers[int(np.argmax(counts))]
+
+
 def rate_of(source: RecordingFrames, numbers: Sequence[int]) -> float:
     """Return the rate of some frames, from the median interval, in Hz."""
     periods = np.diff(np.sort(source.stamps_ns[np.isin(source.numbers, numbers)]))

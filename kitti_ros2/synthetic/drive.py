@@ -246,14 +246,14 @@ class SyntheticDrive:
         return last[1:]
 
     def picture(self, frame: int, camera: int) -> Picture:
-        """Return the pixels of an image: (height, width) for cameras 0 and 1, else (..., 3) BGR."""
+        """Return the pixels of an image: (height, width) of grey cameras, else (..., 3) BGR."""
         street_t_velo = self.motion(frame).street_T_car @ CAR_T_VELO
         placed = self.placed(frame)
         if camera in self._fisheyes:
             fisheye, texture = self._fisheyes[camera], self._cameras.texture
             return fisheye.photograph(camera, frame, placed, street_t_velo, texture)
-        projection = self.projection(camera)
-        return self._cameras.photograph(camera, frame, placed, projection, street_t_velo)
+        projection, grey = self.projection(camera), self._traits.is_grey(camera)
+        return self._cameras.photograph(camera, frame, placed, projection, street_t_velo, grey=grey)
 
     @cached_property
     def _fisheyes(self) -> dict[int, FisheyeCamera]:

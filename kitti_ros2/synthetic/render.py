@@ -477,7 +477,6 @@ def _along(start: float, end: float, per_metre: int) -> slice:
 
 # The synthetic cameras: their textures, and their images as PNG files.
 
-GREY_CAMERAS = (0, 1)
 _PNG_LEVEL = 1
 _PIXEL_NOISE = 1.6
 _NOISE_MARGIN = 64
@@ -543,17 +542,19 @@ class Cameras:
         placed: Sequence[PlacedSolid],
         projection: Float64Array,
         street_T_velo: Transform,
+        *,
+        grey: bool,
     ) -> Picture:
         """Draw an image, (height, width) or (height, width, 3) uint8, BGR.
 
         Args:
-            camera: KITTI's index: 0 and 1 are grey.
+            camera: KITTI's index.
             frame: File number; the noise differs from one to the next.
             placed: The boxes in velo_link, nearest first.
             projection: (3, 4), velo_link to pixels.
             street_T_velo: Pose of the scanner.
+            grey: Whether the image has no colour.
         """
-        grey = camera in GREY_CAMERAS
         if grey not in self._backdrops:
             self._noise[grey] = Noise(self._size, self._seed, grey=grey)
             self._backdrops[grey] = Backdrop(

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import closing
 from copy import copy
 
 import foreign
@@ -22,6 +23,7 @@ from kitti_ros2.options.messages import Images, MessageOptions
 from kitti_ros2.options.read import ReadOptions
 from kitti_ros2.pictures.painters import Predictions
 from kitti_ros2.pictures.recording_frames import open_frames
+from kitti_ros2.pictures.series import first_whole
 
 from builders import convert_recording  # isort: skip
 
@@ -130,6 +132,15 @@ def test_an_extract_is_put_together_by_time(recordings, tmp_path):
     assert frame.images[2].shape == (expected.height, expected.width, 3)
     own = open_frames(recordings[Layout.RAW], ANY).frame(2)
     np.testing.assert_array_equal(frame.images[2], own.images[2])
+
+
+def test_a_picture_is_of_a_whole_frame(recordings):
+    """KITTI-360 has no pose, and so no box, at frame 0."""
+    for layout, first in {layout: int(layout.traits.world_boxes) for layout in Layout}.items():
+        with closing(open_frames(recordings[layout], ANY)) as source:
+            numbers = source.numbers.tolist()
+            assert first_whole(numbers, source) == first
+            assert first_whole(numbers[2:], source) == 2
 
 
 def test_nothing_to_look_at(tmp_path):

@@ -40,6 +40,10 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> kitti_ros2.Recording:
     return kitti_ros2.open(write_synthetic(folder, Layout.KITTI_360, OPTIONS))
 
 
+def test_all_cameras_have_colour(opened) -> None:
+    assert [opened.frame(FRAME).image(camera).ndim for camera in range(4)] == [3] * 4
+
+
 @pytest.mark.parametrize('camera', FISHEYES)
 def test_points_fall_on_the_pixels_of_what_they_hit(made, opened, camera: int) -> None:
     frame = opened.frame(FRAME)
