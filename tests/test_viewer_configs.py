@@ -60,7 +60,7 @@ def rows(kitti):
     """The topics with all cameras and kinds of images."""
     options = MessageOptions(images=Images.BOTH, annotations=True, fisheye=Fisheye.PINHOLE)
     traits = kitti.traits
-    return make_table(traits.camera_names, 'image_rect', options, raw_cameras=traits.raw_cameras)
+    return make_table(traits.camera_names, 'image_rect', options, traits=traits)
 
 
 @pytest.fixture(scope='module')

@@ -127,8 +127,7 @@ def _topics_of_folder(path: Path, params: Mapping[str, Any]) -> Iterable[str]:
         images=Images.BOTH, preset=preset, stack=stack, fisheye=fisheye, covariances=True
     )
     image = naming_of(options).image_topic(recording.layout, recording.image_topic)
-    raw = recording.layout.traits.raw_cameras
-    table = make_table(recording.cameras, image, options, raw_cameras=raw)
+    table = make_table(recording.cameras, image, options, traits=recording.layout.traits)
     once = {Stream.RECORDING, Stream.CALIBRATION, Stream.PATH}
     predicted = {Stream.PREDICTIONS} if params.get('predictions') else set()
     present = {*recording.streams, *once, *predicted}

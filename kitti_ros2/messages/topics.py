@@ -157,6 +157,7 @@ if TYPE_CHECKING:
         Scan,
         Trajectory,
     )
+    from ..model.streams import LayoutTraits
     from ..options.read import SelectionOptions
     from .naming import BagContext, EncodeContext
     from .pinhole_view import PinholeView
@@ -660,6 +661,8 @@ _COVARIANCE_ROW = Topic(
     Stream.OXTS,
     lambda packet, context: encode_velocity_with_covariance(packet, *context.at_imu),
 )
+_RARE = frozenset({Stream.SICK, *LABEL_STREAMS})
+"""Streams that one layout alone has."""
 EVERY_MESSAGE = MessageOptions(
     images=Images.BOTH,
     objects=Objects.BOTH,
@@ -675,7 +678,7 @@ def make_table(
     image_topic: str,
     options: MessageOptions,
     packets: Stream = Stream.OXTS,
-    raw_cameras: Collection[int] = (),
+    traits: LayoutTraits | None = None,
 ) -> list[Topic]:
     """Make all rows for a recording.
 
@@ -685,8 +688,10 @@ def make_table(
         options: Options of the messages.
         packets: The stream of the messages of packets; their texts, which restore the files, are
             always those of OXTS.
-        raw_cameras: Cameras whose images are image_raw in any case.
+        traits: Those of its layout: of cameras that are never rectified images are image_raw, and
+            rows of streams that others alone have are left out; None for all rows.
     """
+    raw_cameras = traits.raw_cameras if traits else ()
     source = [_SOURCE_ROW] if FORMATS[options.cloud].loss else []
     rows = [*source, *(row for row in _ROWS if row.msgtype not in _LEFT_OUT[options.objects])]
     if options.clouds is Clouds.COMPACT:
@@ -710,7 +715,11 @@ def make_table(
             rows += _view_rows(IMAGE_STREAMS[index], camera, options.images)
     rows += [_label_row(stream, cameras) for stream in LABEL_STREAMS]
     names = naming_of(options)
-    return [replace(row, topic=names.topic(row.topic)) for row in rows]
+    return [
+        replace(row, topic=names.topic(row.topic))
+        for row in rows
+        if traits is None or not _RARE.intersection({row.stream, *row.needs}) - traits.streams
+    ]
 
 
 def _label_row(stream: Stream, cameras: Mapping[int, str]) -> Topic:

@@ -271,8 +271,8 @@ class Encoder:
         selection: SelectionOptions,
     ) -> None:
         images = naming_of(options).image_topic(recording.layout, recording.image_topic)
-        raw = recording.layout.traits.raw_cameras
-        table = make_table(recording.cameras, images, options, _packets_of(recording), raw)
+        traits, packets = recording.layout.traits, _packets_of(recording)
+        table = make_table(recording.cameras, images, options, packets, traits)
         if Stream.CALIBRATION in recording.streams:
             table = without_latched_calibrations(table)
         selected = select_topics(table, selection)
@@ -493,7 +493,7 @@ def _possible_table(
     traits = recording.layout.traits
     names = {i: traits.camera_names.get(i, str(i)) for i in lost if i is not None}
     cameras, packets = {**names, **recording.cameras}, _packets_of(recording)
-    return make_table(cameras, images, options, packets, traits.raw_cameras)
+    return make_table(cameras, images, options, packets, traits)
 
 
 def _packets_of(recording: ReadableRecording) -> Stream:

@@ -131,7 +131,7 @@ def _is_bag_file(path: Path) -> bool:
 def _bags_in(folder: Path) -> Iterator[Path]:
     """Yield the bags in a folder that is none: single files, and rosbag2 directories."""
     names = STORE.names(folder)
-    if METADATA in names:
+    if METADATA in names and (folder / METADATA).is_file():
         return
     yield from (bag for bag in bags_among(folder, names) if bag == folder or bag.is_file())
     for name in names:

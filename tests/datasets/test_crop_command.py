@@ -198,8 +198,9 @@ def test_outputs_that_exist_or_lie_in_the_source(source, tmp_path, capsys):
     (other / 'file').write_text('mine')
     before[f'{other.name}/file'] = b'mine'
     words = [root, other, '--range', ':9']
-    assert 'exists already; choose another name' in complain(words, capsys)
-    assert 'is no KITTI data set' in complain([*words, '--overwrite'], capsys)
+    refusal = 'exists already; it is no KITTI data set, so --overwrite does not touch it; choose'
+    assert refusal in complain(words, capsys)
+    assert refusal in complain([*words, '--overwrite'], capsys)
     assert files(tmp_path) == before
 
 
