@@ -33,6 +33,7 @@ VALUES = {
     'start': ['1'], 'storage': ['sqlite3'], 'streams': ['scan'], 'topics': ['*imu'],
     'train_fraction': ['0.5'],
     'voxel': ['0.5'], ('view', 'range'): ['0,-20,40,20'],
+    ('view', 'start'): ['2'],  # frame 1 is KITTI-360's first whole one
 }  # fmt: skip
 """Values of the options that are neither flags nor choices."""
 SILENT = {
