@@ -109,13 +109,8 @@ class FisheyeCamera:
         """Draw the pixels of a face that nothing nearer hides."""
         s, t, inverse_depth = np.moveaxis(self._rays[area] @ face.g.T.astype(np.float32), 2, 0)
         inside = (s >= 0) & (t >= 0) & (inverse_depth >= s) & (inverse_depth >= t)
-        canvas.covered[face.owner] += int(np.count_nonzero(inside))
-        nearer = inside & (inverse_depth > canvas.inverse_depth[area])
-        if not nearer.any():
-            return
-        np.copyto(canvas.inverse_depth[area], inverse_depth, where=nearer)
-        np.copyto(canvas.ids[area], np.uint16(face.owner + 1), where=nearer)
-        if canvas.pixels is not None and texture is not None:
+        nearer = canvas.take(area, inside, inverse_depth, face.owner)
+        if canvas.pixels is not None and texture is not None and nearer.any():
             picture = texture.level(int(np.count_nonzero(inside)))
             height, width = picture.shape[:2]
             depth = 1 / inverse_depth[nearer]

@@ -108,6 +108,20 @@ class Canvas:
             np.zeros(boxes, np.int64),
         )
 
+    def take(
+        self,
+        area: tuple[slice, slice],
+        inside: npt.NDArray[np.bool_],
+        inverse_depth: Float32Array,
+        owner: int,
+    ) -> npt.NDArray[np.bool_]:
+        """Enter a face's pixels in a window; return those that nothing nearer hides."""
+        self.covered[owner] += int(np.count_nonzero(inside))
+        nearer: npt.NDArray[np.bool_] = inside & (inverse_depth > self.inverse_depth[area])
+        np.copyto(self.inverse_depth[area], inverse_depth, where=nearer)
+        np.copyto(self.ids[area], np.uint16(owner + 1), where=nearer)
+        return nearer
+
 
 def visible_faces(
     placed: Sequence[PlacedSolid], projection: Float64Array, size: tuple[int, int] | None = None
@@ -153,16 +167,11 @@ def draw_face(canvas: Canvas, face: Face, texture: Texture | None) -> None:
     if window is None:
         return
     top, left, inside = window
-    canvas.covered[face.owner] += int(np.count_nonzero(inside))
     rows, columns = inside.shape
     area = (slice(top, top + rows), slice(left, left + columns))
     inverse_depth = _plane(face.g[2], left, top, columns, rows)
-    nearer = inside & (inverse_depth > canvas.inverse_depth[area])
-    if not nearer.any():
-        return
-    np.copyto(canvas.inverse_depth[area], inverse_depth, where=nearer)
-    np.copyto(canvas.ids[area], np.uint16(face.owner + 1), where=nearer)
-    if canvas.pixels is not None and texture is not None:
+    nearer = canvas.take(area, inside, inverse_depth, face.owner)
+    if canvas.pixels is not None and texture is not None and nearer.any():
         patch = _warp(face, texture, (left, top, columns, rows), inside)
         cv2.copyTo(patch, nearer.view(np.uint8), canvas.pixels[area])
 

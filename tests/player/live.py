@@ -133,6 +133,21 @@ class Recording:
         return json.loads(said.splitlines()[-1])
 
 
+def hear_all(topics, src, *options):
+    """Play a source to its end without loss, and return what a listener heard of the topics."""
+    player = play(src, '--start-paused', '--lossless', *options)
+    listener = Listening(topics)
+    try:
+        listener.wait_for_publishers(player)
+        assert listener.tell('call', 'resume')[0]
+        _, said = player.communicate(timeout=PATIENCE_S)
+        assert player.returncode == 0, said
+        return listener.heard()
+    finally:
+        stop(player)
+        stop(listener.process)
+
+
 def stop(process):
     """End a process that a test is done with; a killed one leaves its shared memory behind.
 

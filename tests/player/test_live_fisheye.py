@@ -13,7 +13,6 @@ import fisheye_drive
 import live
 
 from builders import convert_recording  # isort: skip
-from waiting import PATIENCE_S  # isort: skip
 
 pytestmark = pytest.mark.programs
 
@@ -33,17 +32,7 @@ def test_views_are_published_as_the_converter_writes_them(recordings, tmp_path):
     messages = MessageOptions(fisheye=Fisheye.PINHOLE, images=Images.BOTH)
     convert_recording(drive, tmp_path / 'o.mcap', messages)
     written = live.bag_digests(tmp_path / 'o.mcap')
-    player = live.play(drive, '--start-paused', '--lossless', '--fisheye', 'pinhole')
-    listener = live.Listening(TOPICS)
-    try:
-        listener.wait_for_publishers(player)
-        assert listener.tell('call', 'resume')[0]
-        _, said = player.communicate(timeout=PATIENCE_S)
-        assert player.returncode == 0, said
-        heard = listener.heard()
-    finally:
-        live.stop(player)
-        live.stop(listener.process)
+    heard = live.hear_all(TOPICS, drive, '--fisheye', 'pinhole')
     for topic, msgtype in TOPICS.items():
         assert len(heard[topic]) == len(fisheye_drive.FRAMES)
         assert [digest for _, digest in heard[topic]] == written[topic, msgtype]

@@ -13,7 +13,6 @@ pytest.importorskip('rclpy', reason='needs rclpy (pip install kitti_ros2[ros])')
 import live
 
 from builders import convert_recording  # isort: skip
-from waiting import PATIENCE_S  # isort: skip
 
 pytestmark = pytest.mark.programs
 
@@ -31,18 +30,7 @@ def test_no_pair_is_heard_with_two_stamps(recordings, tmp_path):
     messages = MessageOptions(stereo=True, images=Images.RAW, color_encoding=ColorEncoding.RGB8)
     convert_recording(drive, tmp_path / 'o.mcap', messages, read=ReadOptions(stereo=True))
     written = live.bag_digests(tmp_path / 'o.mcap')
-    words = ('--start-paused', '--lossless', '--stereo', '--color-encoding', 'rgb8')
-    player = live.play(drive, *words)
-    listener = live.Listening(TOPICS)
-    try:
-        listener.wait_for_publishers(player)
-        assert listener.tell('call', 'resume')[0]
-        _, said = player.communicate(timeout=PATIENCE_S)
-        assert player.returncode == 0, said
-        heard = listener.heard()
-    finally:
-        live.stop(player)
-        live.stop(listener.process)
+    heard = live.hear_all(TOPICS, drive, '--stereo', '--color-encoding', 'rgb8')
     for topic, msgtype in TOPICS.items():
         assert [digest for _, digest in heard[topic]] == written[topic, msgtype]
     for left, right in PAIRS:
