@@ -150,7 +150,7 @@ def absent_frames(source_files: SourceFiles) -> tuple[Loss, ...]:
 
 
 def _absent_of(source_files: SourceFiles, streams: Collection[Stream]) -> Iterator[Loss]:
-    """Yield the same of streams with common numbers."""
+    """Yield the frames that streams with common numbers have no file of, a loss a stream."""
     indexed = {*streams} - {*LABEL_STREAMS}  # of labels no file lists the frames
     folders = {s: folder for s, folder in source_files.folders.items() if s in indexed}
     carried = [number for folder in folders.values() for number in folder.carried]
